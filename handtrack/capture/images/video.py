@@ -13,9 +13,11 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
+from msgspec import Meta
 
 from handtrack.arrays import D3, Array, Axes, F, Floats, H, W
 from handtrack.capture.images.containers import check_container
@@ -37,7 +39,7 @@ Checkpoint = tuple[float, int]
 class VideoAudit:
     """Every frame of a video decoded once."""
 
-    count: int
+    count: Annotated[int, Meta(ge=1)]
     """frames that can be decoded"""
     checkpoints: Mapping[int, Checkpoint]
     """by decode index"""

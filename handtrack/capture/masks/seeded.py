@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated
 
 import cv2
@@ -90,7 +90,7 @@ class SeededMasks:
         spread = np.mean([_colour(image) for image, _ in looks])
         self._grey = bool(spread < _COLOURED)
         self._empty = _background(looks)
-        self._by_change = self._other_log = self._hand_log = np.zeros_like(Colours().counts)
+        self._by_change = self._other_log = self._hand_log = np.zeros(_BINS)
         for taught in range(_ROUNDS):
             self._teach(looks, taught > 0)
 
@@ -116,14 +116,13 @@ class SeededMasks:
             return part.prior
         told = self._told(part, self._hand_log, self._other_log)
         likely = 1 / (1 + np.exp(-(told + part.prior)))
-        frame, ring = Colours(), Colours()
         outside = part.before & ~part.core
-        frame.add(part.bins[part.core], likely[part.core])
-        ring.add(part.bins[outside], 1 - likely[outside])
+        frame = counted(part.bins[part.core], likely[part.core])
+        ring = counted(part.bins[outside], 1 - likely[outside])
         told = self._told(
             part,
-            mixed(self._hand_log, frame.log_likelihood()),
-            mixed(self._other_log, ring.log_likelihood()),
+            mixed(self._hand_log, log_likelihood(frame)),
+            mixed(self._other_log, log_likelihood(ring)),
         )
         radius = max(round(_SMOOTH_M * part.px_per_m), 1)
         return smoothed(told, part.guide(likely), radius) + part.prior
@@ -137,7 +136,7 @@ class SeededMasks:
         return odds.astype(np.float32)
 
     def _teach(self, looks: list[_Look], taught: bool) -> None:
-        hand, other, moved, stayed = Colours(), Colours(), Colours(), Colours()
+        hand, other, moved, stayed = np.zeros((4, _BINS))
         for image, seeds in looks:
             part = _Part(image, seeds, self._grey, self._empty)
             likely = 1 / (1 + np.exp(-self._log_odds(part, taught)))
@@ -145,11 +144,11 @@ class SeededMasks:
                 (likely * (part.before | part.core), hand, moved),
                 ((1 - likely) * part.before, other, stayed),
             ):
-                colours.add(part.bins, share)
+                colours += counted(part.bins, share)
                 if part.change is not None:
-                    changes.add(part.change, share * part.seen_empty)
-        self._hand_log, self._other_log = hand.log_likelihood(), other.log_likelihood()
-        self._by_change = moved.log_likelihood() - stayed.log_likelihood()
+                    changes += counted(part.change, share * part.seen_empty)
+        self._hand_log, self._other_log = log_likelihood(hand), log_likelihood(other)
+        self._by_change = log_likelihood(moved) - log_likelihood(stayed)
 
 
 class _Part:
@@ -277,26 +276,19 @@ def _connected(part: Bytes[H, W], core: Array[H, W]) -> Bytes[H, W]:
     return np.where((hand > 0) & ~kept[labels], UNKNOWN_LEVEL, part).astype(np.uint8)
 
 
-@dataclass(eq=False)
-class Colours:
-    """Counts of three channels of 8 bits."""
+def counted(bins: Array[*Axes], weights: Array[*Axes]) -> Floats[N]:
+    """Return how much each colour weighs of pixels with these bins, see `bins_of`."""
+    return np.asarray(np.bincount(bins.ravel(), weights.ravel(), _BINS), dtype=float)
 
-    counts: Floats[N] = field(default_factory=lambda: np.zeros(_BINS))
 
-    def add(self, bins: Array[*Axes], weights: Array[*Axes] | None = None) -> None:
-        """Add pixels by their bins, see `bins_of`; weights: how much each counts."""
-        self.counts += np.bincount(
-            bins.ravel(), None if weights is None else weights.ravel(), _BINS
-        )
-
-    def log_likelihood(self) -> Floats[N]:
-        """Return log p of each bin; of all alike where nothing was counted."""
-        cube = self.counts.reshape((_LEVELS,) * 3)
-        for axis in range(3):
-            cube = _widened(cube, axis)
-        total = float(cube.sum())
-        share = cube.ravel() / total if total > 0 else np.full(_BINS, 1.0 / _BINS)
-        return np.log((1 - _STRANGE) * share + _STRANGE / _BINS)
+def log_likelihood(counts: Floats[N]) -> Floats[N]:
+    """Return log p of each bin; of all alike where nothing was counted."""
+    cube = counts.reshape((_LEVELS,) * 3)
+    for axis in range(3):
+        cube = _widened(cube, axis)
+    total = float(cube.sum())
+    share = cube.ravel() / total if total > 0 else np.full(_BINS, 1.0 / _BINS)
+    return np.log((1 - _STRANGE) * share + _STRANGE / _BINS)
 
 
 def mixed(*parts: Floats[N]) -> Floats[N]:

@@ -113,9 +113,22 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
             raise HandtrackError(
                 f"{path}: arrays are missing: {', '.join(lacking)}; expected all of {', '.join(group)}, or none."
             )
+    check_shapes(
+        path,
+        arrays,
+        {
+            name: ("F", *COLUMNS[name].axes) if name in COLUMNS else _HEADS[name].axes
+            for name in _known(arrays)
+        },
+    )
+
+
+def check_shapes(
+    path: Path, arrays: Mapping[str, Array], axes: Mapping[str, tuple[str | int, ...]]
+) -> None:
+    """Raise HandtrackError for an array whose shape is not as its axes say; equal letters are equal lengths."""
     sizes: dict[str | int, int] = {}
-    for name in _known(arrays):
-        shape = ("F", *COLUMNS[name].axes) if name in COLUMNS else _HEADS[name].axes
+    for name, shape in axes.items():
         have = arrays[name].shape
         if len(have) == len(shape):
             for letter, length in zip(shape, have, strict=True):
@@ -130,12 +143,18 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
 
 def _value(path: Path, name: str, array: Array) -> object:
     kind = (_HEADS | COLUMNS)[name].kind
+    found = of_kind(path, name, array, kind)
+    if name in COLUMNS:
+        return found
+    return tuple(map(kind, found)) if found.ndim else kind(found)
+
+
+def of_kind(path: Path, name: str, array: Array, kind: type) -> Array:
+    """Return an array as one of float, int or str. Raises HandtrackError where it holds something else."""
     kinds, what = _KINDS[kind]
     if array.dtype.kind not in kinds:
         raise HandtrackError(f"{path}: {name} holds {array.dtype}; expected {what}.")
-    if name in COLUMNS:
-        return array if kind is str else array.astype(kind)
-    return tuple(map(kind, array)) if array.ndim else kind(array)
+    return array if kind is str else array.astype(kind)
 
 
 def _check_rows(path: Path, track: TrackResult) -> None:

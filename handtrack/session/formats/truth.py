@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, K, array_dataclass
+from handtrack.arrays import D3, D21, F, Floats, Ints, J, K, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
+from handtrack.session.formats.tables import check_shapes, of_kind
 
 
 @array_dataclass
@@ -48,86 +49,54 @@ def mean_error_mm(found: Floats[K, D3] | None, true: Floats[K, D3] | None) -> fl
     return float(np.nanmean(away) * 1e3) if np.isfinite(away).any() else float("nan")
 
 
+_KNOWN: dict[str, tuple[type, tuple[str | int, ...]]] = {
+    "keypoints21": (float, ("F", 21, 3)),
+    "joint_positions": (float, ("F", "J", 3)),
+    "joint_names": (str, ("J",)),
+    "frame": (int, ("F",)),
+    "time_s": (float, ("F",)),
+}
+
+
 def read_truth(path: Path) -> Truth:
     """Return the ground truth of a file. Raises HandtrackError naming the array that is wrong."""
-    arrays = read_arrays(path)
-    keypoints = _positions(arrays, "keypoints21", path)
-    joints = _positions(arrays, "joint_positions", path)
-    if keypoints is None and joints is None:
+    given = read_arrays(path)
+    points = [name for name in ("keypoints21", "joint_positions") if name in given]
+    if not points:
         raise HandtrackError(
             f"{path}: no keypoints21 and no joint_positions; expected at least one. Found: "
-            f"{', '.join(arrays) or 'nothing'}."
+            f"{', '.join(given) or 'nothing'}."
         )
-    if keypoints is not None and keypoints.shape[1] != 21:
+    if "joint_positions" in points and "joint_names" not in given:
         raise HandtrackError(
-            f"{path}: keypoints21 has the shape {keypoints.shape}; expected (F, 21, 3)."
+            f"{path}: joint_positions without joint_names; expected a name for each of the joints."
         )
-    names = _joint_names(arrays, joints, path)
-    counts = {len(a) for a in (keypoints, joints) if a is not None}
-    if len(counts) > 1:
-        raise HandtrackError(
-            f"{path}: keypoints21 and joint_positions differ in their number of frames: "
-            f"{sorted(counts)}."
-        )
-    count = counts.pop()
-    frame = _frames(arrays.get("frame"), count, path)
-    definition = arrays.get("keypoint_definition")
-    told = None if definition is None else str(definition)
-    return Truth(frame, _times(arrays.get("time_s"), count, path), keypoints, names, joints, told)
-
-
-def _positions(arrays: dict[str, Array], name: str, path: Path) -> Floats | None:
-    array = arrays.get(name)
-    if array is None:
-        return None
-    if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind not in "fiu":
-        raise HandtrackError(
-            f"{path}: {name} has the shape {array.shape} of {array.dtype}; expected (F, points, "
-            "3) numbers [m]."
-        )
-    points = array.astype(float)
-    if np.isinf(points).any():
-        row = int(np.flatnonzero(np.isinf(points).any(axis=(1, 2)))[0])
-        raise HandtrackError(
-            f"{path}: {name} has infinite values, first in row {row}; expected metres, and NaN where a point is not known."
-        )
-    points[np.isnan(points).any(axis=2)] = np.nan
-    return points
-
-
-def _joint_names(arrays: dict[str, Array], joints: Floats | None, path: Path) -> tuple[str, ...]:
-    names = arrays.get("joint_names")
-    if joints is None:
-        return ()
-    if names is None or names.ndim != 1 or names.dtype.kind != "U" or len(names) != joints.shape[1]:
-        found = "none" if names is None else f"shape {names.shape} of {names.dtype}"
-        raise HandtrackError(
-            f"{path}: joint_positions has {joints.shape[1]} joints, so joint_names must be as "
-            f"many texts; found {found}."
-        )
-    return tuple(str(name) for name in names)
-
-
-def _frames(frame: Array | None, count: int, path: Path) -> Ints:
-    if frame is None:
-        return np.arange(count)
-    if frame.shape != (count,) or frame.dtype.kind not in "iu":
-        raise HandtrackError(
-            f"{path}: frame has the shape {frame.shape} of {frame.dtype}; expected ({count},) "
-            "integers."
-        )
-    if (frame < 0).any() or len(np.unique(frame)) != count:
+    known = {name: entry for name, entry in _KNOWN.items() if name in given}
+    check_shapes(path, given, {name: axes for name, (_, axes) in known.items()})
+    arrays = {name: of_kind(path, name, given[name], kind) for name, (kind, _) in known.items()}
+    for name in points:
+        if np.isinf(arrays[name]).any():
+            row = int(np.flatnonzero(np.isinf(arrays[name]).any(axis=(1, 2)))[0])
+            raise HandtrackError(
+                f"{path}: {name} has infinite values, first in row {row}; expected metres, and NaN where a point is not known."
+            )
+        arrays[name][np.isnan(arrays[name]).any(axis=2)] = np.nan
+    frame, time_s = arrays.get("frame", np.arange(len(arrays[points[0]]))), arrays.get("time_s")
+    if (frame < 0).any() or len(np.unique(frame)) < len(frame):
         raise HandtrackError(
             f"{path}: frame has negative or repeated numbers; expected each frame once."
         )
-    return frame.astype(np.int64)
-
-
-def _times(time_s: Array | None, count: int, path: Path) -> Floats | None:
-    if time_s is None:
-        return None
-    if time_s.shape != (count,) or time_s.dtype.kind not in "fiu" or not np.isfinite(time_s).all():
+    if time_s is not None and not np.isfinite(time_s).all():
         raise HandtrackError(
-            f"{path}: time_s has the shape {time_s.shape}; expected ({count},) finite seconds."
+            f"{path}: time_s has values that are no numbers; expected finite seconds."
         )
-    return time_s.astype(float)
+    names = tuple(map(str, arrays["joint_names"])) if "joint_positions" in points else ()
+    told = given.get("keypoint_definition")
+    return Truth(
+        frame,
+        time_s,
+        arrays.get("keypoints21"),
+        names,
+        arrays.get("joint_positions"),
+        None if told is None else str(told),
+    )

@@ -7,15 +7,17 @@ import json
 import threading
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+
+import msgspec
 
 from handtrack.capture.images.video import ENDING, VideoAudit, VideoFile, file_stamp
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text
 from handtrack.session.layout import VIDEOS_FILE, place_of
 
-_FORMAT = 1
+_FORMAT = 2
 
 
 def read_audit(folder: Path, video: Path) -> VideoAudit | None:
@@ -25,7 +27,7 @@ def read_audit(folder: Path, video: Path) -> VideoAudit | None:
         row = kept["videos"][place_of(video, folder)]
         if kept["format"] != _FORMAT or row["stamp"] != file_stamp(video):
             return None
-        return _audit(row)
+        return msgspec.convert(row, VideoAudit, strict=False)
     except (OSError, ValueError, KeyError, TypeError):  # made anew, it costs time alone
         return None
 
@@ -34,7 +36,7 @@ def keep_audits(folder: Path, videos: Iterable[VideoFile]) -> None:
     """Write what is known of some videos; where the folder cannot be written, the next opening counts again."""
     try:
         rows = {
-            place_of(video.path, folder): _row(audit) | {"stamp": file_stamp(video.path)}
+            place_of(video.path, folder): asdict(audit) | {"stamp": file_stamp(video.path)}
             for video in videos
             if (audit := video.audit) is not None
         }
@@ -66,19 +68,3 @@ def count_beside(folder: Path | None, videos: Sequence[VideoFile]) -> threading.
 def _end(thread: threading.Thread) -> None:
     ENDING.set()
     thread.join()
-
-
-def _row(audit: VideoAudit) -> dict[str, Any]:
-    marks = {str(at): list(mark) for at, mark in audit.checkpoints.items()}
-    return {"frames": audit.count, "oddities": list(audit.oddities), "checkpoints": marks}
-
-
-def _audit(row: dict[str, Any]) -> VideoAudit:
-    marks = {
-        int(at): (float(time_ms), int(checksum))
-        for at, (time_ms, checksum) in row["checkpoints"].items()
-    }
-    oddities = tuple(str(text) for text in row["oddities"])
-    if not isinstance(row["frames"], int) or row["frames"] < 1:
-        raise ValueError
-    return VideoAudit(row["frames"], marks, oddities)
