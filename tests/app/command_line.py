@@ -6,14 +6,17 @@ import shutil
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import pytest
 
-from handtrack import bundled_session
+from handtrack import CameraRig, bundled_session
+from handtrack.capture.calibration.rig_file import read_rig, write_rig
 from handtrack_app.cli import main
 from tests.conftest import REPOSITORY
 
 FRAMES = 5
+SIZE = (320, 240)
 PROGRAM = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(REPOSITORY / "app")])}
 """the environment in which `python -m handtrack_app.cli` is this checkout's"""
 
@@ -53,16 +56,18 @@ QUICK = "\n[tracking]\ntracker.recovery = false\ntracker.escape = false\n"
 def small_recording(
     folder: Path, name: str = "open_fist_open", frames: int = FRAMES, more: str = QUICK
 ) -> Path:
-    """Make a session of a bundled one's first frames, masks alone. more: settings."""
+    """Make a session of a bundled one's first frames: a hand alone, masks of half the size. more: settings."""
     source = bundled_session(name)
     for masks in sorted((source / "masks").iterdir()):
         kept = folder / "masks" / masks.name
         kept.mkdir(parents=True)
         for file in sorted(masks.iterdir())[:frames]:
-            shutil.copyfile(file, kept / file.name)
-    for file in ("calibration.toml", "init.json"):
-        shutil.copyfile(source / file, folder / file)
-    settings = (source / "session.toml").read_text()
+            halved = cv2.resize(cv2.imread(str(file), 0), SIZE, interpolation=cv2.INTER_AREA)
+            cv2.imwrite(str(kept / file.name), 255 * (halved > 127))
+    rig = (camera.scaled(SIZE) for camera in read_rig(source / "calibration.toml"))
+    write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
+    shutil.copyfile(source / "init.json", folder / "init.json")
+    settings = (source / "session.toml").read_text().replace('forearm = "auto"', "forearm = false")
     lines = [line for line in settings.splitlines() if not line.startswith("images")]
     (folder / "session.toml").write_text("\n".join(lines) + "\n" + more)
     with np.load(source / "truth.npz") as truth:

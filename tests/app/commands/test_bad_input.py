@@ -17,7 +17,7 @@ import pytest
 from handtrack import PointCloud, bundled_session, read_npz
 from handtrack.capture.clouds.cloud_files import write_cloud
 from tests.app.cloud_session import cloud_file, cloud_recording
-from tests.app.command_line import FRAMES, PROGRAM, listing, refused
+from tests.app.command_line import FRAMES, PROGRAM, SIZE, listing, refused
 from tests.session.small_session import edit
 from tests.session.test_hostile_sessions import contains
 
@@ -30,15 +30,15 @@ def first_pose(folder, **changes):
 
 
 def small_mask(folder, frame=0):
-    cv2.imwrite(str(folder / f"masks/cam1/{frame:06d}.png"), np.zeros((240, 320), np.uint8))
+    cv2.imwrite(str(folder / f"masks/cam1/{frame:06d}.png"), np.zeros((120, 160), np.uint8))
 
 
 SESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
     "calibrated for another size": (
-        lambda f: edit(f / "calibration.toml", "[640, 480]", "[1280, 960]"),
-        "image_size = [640, 480]",
+        lambda f: edit(f / "calibration.toml", "[320, 240]", "[640, 480]"),
+        "image_size = [320, 240]",
     ),
-    "one camera's masks of another size": (small_mask, "320 x 240"),
+    "one camera's masks of another size": (small_mask, "160 x 120"),
     "no calibration": (lambda f: (f / "calibration.toml").unlink(), "calibration.toml"),
     "NaN in the first pose": (lambda f: first_pose(f, xyz=[[float("nan")] * 3] * 21), "null"),
     "first pose in millimetres": (
@@ -87,7 +87,7 @@ def test_a_mask_of_another_size_in_the_middle_loses_nothing(handtrack, session):
     """It is an error, since it may be another camera's; but what was tracked before it is saved and named."""
     small_mask(session, 3)
     ended = handtrack("track", session)
-    assert ended.code == 2 and "000003.png" in ended.err and "320 x 240" in ended.err
+    assert ended.code == 2 and "000003.png" in ended.err and "160 x 120" in ended.err
     assert read_npz(session / "tracks/poses.npz").status.tolist() == [0, 0, 0]
 
 
@@ -97,10 +97,10 @@ def test_a_recording_that_is_shorter_than_its_video_says_is_tracked_to_its_end(
     """Tracking does not wait for the frames to be counted; here that is done last, and shows that they end earlier."""
     monkeypatch.setattr("handtrack_app.commands.track.count_beside", lambda *_: None)
     path = session / "cam0.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (640, 480))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, SIZE)
     reader = cv2.VideoCapture(str(VIDEO))
     for _ in range(FRAMES):
-        writer.write(reader.read()[1])
+        writer.write(cv2.resize(reader.read()[1], SIZE))
     writer.release()
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     skin = 'images = "cam0.avi"\nmasks = { method = "skin_ycrcb" }'
@@ -195,8 +195,8 @@ LINES = {
     "new --out {t}/x --calibration {t}/c.toml --video cam0={v}": "c.toml: no such file",
     "new --out {t}/x --calibration {s}/session.toml --video cam0={v}": "write JSON",
     "new --out {s} --calibration {s}/calibration.toml --video cam0={v}": "is not empty",
-    "new --out {t}/x --calibration {s}/calibration.toml --video cam0={v} --fps -3": "--fps -3",
-    "new --out {t}/x --calibration {s}/calibration.toml --video cam0={v} --world-unit-m 0": "--world-unit-m 0",
+    "new --out {t}/x --calibration {s}/calibration.toml --video cam0={v} --scaled --fps -3": "--fps -3",
+    "new --out {t}/x --calibration {s}/calibration.toml --video cam0={v} --scaled --world-unit-m 0": "--world-unit-m 0",
     "bench speed": "speed",
     "open {s} --port 70000 --no-browser": "--port 70000",
     "open {s} --camera cam0=0": "--live",

@@ -135,7 +135,7 @@ def test_a1_killed_at_random_moments_the_same_command_ends_with_the_same_bytes(
     handtrack, session, whole
 ):
     moments = random.Random(11)
-    for _ in range(6):
+    for _ in range(4):
         before = frames_of(session) if (session / "tracks/takes").exists() else ()
         writes = moments.randint(1, 4)
         assert killed_at_write(writes, session) == -signal.SIGKILL

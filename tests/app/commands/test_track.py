@@ -31,7 +31,7 @@ def test_c16_c17_other_things_in_masks_are_told_and_cost_one_frame_at_most(handt
             session,
             ["cam1"],
             frame,
-            lambda m: cv2.ellipse(m, (80, 100), (60, 80), 0, 0, 360, 255, -1),
+            lambda m: cv2.ellipse(m, (40, 50), (30, 40), 0, 0, 360, 255, -1),
         )
     quick = [f"--set=tracker.{search}=false" for search in ("recovery", "escape")]
     handtrack.does("track", session, *quick)

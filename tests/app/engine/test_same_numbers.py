@@ -14,27 +14,24 @@ from handtrack.session.track_session import Ended
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.protocol.snapshots import Hold
 from tests.app.calls import call
-from tests.app.command_line import FRAMES as WHOLE
 from tests.app.command_line import small_recording
 from tests.app.desk import working
 from tests.app.waiting import eventually
 
-COUNT = 2
-FRAMES = range(COUNT)
+FRAMES = 4
 
 
 @pytest.fixture
 def folder(tmp_path):
     """The first frames of a recording of another hand, whose size is to be fitted."""
-    return small_recording(tmp_path / "session", "another_hand", COUNT, more="")
+    return small_recording(tmp_path / "session", "another_hand", FRAMES, more="")
 
 
-def tracked_by(worker, seen, order):
+def tracked_by(worker, seen):
     said = len(seen)
-    worker.send(order)
+    worker.send(call("track", 0, FRAMES, worker.document.first_frame, anew=True))
     finished = lambda: any(getattr(s, "title", "") == "Tracking finished" for s in seen[said:])  # noqa: E731
     eventually(finished, "tracked", 600.0)
-    return dict(worker.document.results)
 
 
 def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder):
@@ -55,21 +52,20 @@ def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder):
 
 
 def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_accepted_frames(
-    tmp_path, handtrack
+    folder, tmp_path, handtrack
 ):
-    folder = small_recording(tmp_path / "session", "another_hand")  # its size is fitted, too
     corrected(folder)
-    copies = [Path(shutil.copytree(folder, tmp_path / name)) for name in ("a", "b", "c", "d")]
+    copies = [Path(shutil.copytree(folder, tmp_path / name)) for name in ("a", "b", "c")]
     *_, end = track_session(TrackingRun.open(Session.open(copies[0])))
     assert isinstance(end, Ended)
     expected = end.track
     assert expected.status.tolist().count(Status.KEYFRAME) == 1
-    handtrack.does("track", copies[1])
-    handtrack.does("batch", copies[2], "--jobs", 1, "--out", tmp_path / "out")
-    worker, seen = opened(copies[3])
+    # each recording by a `handtrack track` of its own
+    handtrack.does("batch", copies[1], "--jobs", 1, "--out", tmp_path / "out")
+    worker, seen = opened(copies[2])
     before = worker.document.results[1]
-    tracked_by(worker, seen, call("track", 0, WHOLE, worker.document.first_frame, anew=True))
-    found = [whole_track(worker.document), *(read_npz(c / "tracks/poses.npz") for c in copies[1:3])]
+    tracked_by(worker, seen)
+    found = [whole_track(worker.document), read_npz(copies[1] / "tracks/poses.npz")]
     worker.stop()
     for track in found:
         for name in ("frame", "status", "parameters", "parameter_std", "joint_covariance"):
@@ -81,20 +77,20 @@ def corrected(folder):
     """Track a recording in the workbench, accept a frame, pose one by hand, and pin a joint in another."""
     worker, seen = opened(folder)
     document, engine = worker.document, worker.engine
-    tracked_by(worker, seen, call("track", 0, WHOLE, document.first_frame, anew=True))
+    tracked_by(worker, seen)
     engine.accept(((1, 1),))
     model = document.model
     pose = document.results[2].parameters.copy()
     pose[model.parameter_names.index("index_mcp_flex")] += 0.2
     engine.set_pose(2, tuple(pose), 1)
-    bones = model.bones(model.transform.solver_params(document.results[4].parameters))
+    bones = model.bones(model.transform.solver_params(document.results[3].parameters))
     tip = model.joint_positions(bones)[model.joint_names.index("middle_tip")]
     camera = document.run.session.rig.cameras[0]
     column, row = camera.project(tip[None])[0]
-    engine.set_pin(4, camera.name, (column + 3.0, row), 2, Hold("middle_tip"))
-    eventually(lambda: document.run.session.pins.of(4), "pinned")
+    engine.set_pin(3, camera.name, (column + 3.0, row), 2, Hold("middle_tip"))
+    eventually(lambda: document.run.session.pins.of(3), "pinned")
     worker.stop()
-    assert posed_frames(TrackingRun.open(Session.open(folder)))[2].keys() == {4}
+    assert posed_frames(TrackingRun.open(Session.open(folder)))[2].keys() == {3}
 
 
 def opened(folder):

@@ -22,12 +22,12 @@ from tests.app.desk import a_desk
 from tests.app.rerun.test_stream import chunks, picture, scalars
 from tests.app.waiting import eventually
 
-FRAMES = range(5)
+FRAMES = range(3)
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    folder = small_recording(tmp_path_factory.mktemp("recorder") / "small")
+    folder = small_recording(tmp_path_factory.mktemp("recorder") / "small", frames=3)
     return TrackingRun.open(Session.open(folder), {"tracker.estimate": "forward"})
 
 
