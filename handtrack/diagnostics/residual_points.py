@@ -5,8 +5,8 @@ Positive: something was observed that the model does not reach or is darker than
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,49 +23,32 @@ from handtrack.terms.own_time import AtOwnTime
 from handtrack.terms.term import ObservationTerm
 
 
-class SpaceResiduals(NamedTuple):
-    """Residuals of places in space."""
-
-    kind: str
-    """`cloud` or `empty`"""
-    points: Floats[N, D3]
-    """world [m]"""
-    sigmas: Floats[N]
-
-
-class ImageResiduals(NamedTuple):
-    """Residuals of pixels."""
-
-    kind: str
-    """`edges` or `texture`"""
-    camera: Camera
-    pixels: Floats[N, D2]
-    sigmas: Floats[N]
-
-
-def space_residuals(term: ObservationTerm, bones: BonePoses) -> SpaceResiduals | None:
-    """Return E1's signed distances of the cloud's points, or E2's of the model's surface where the cloud is empty."""
+def space_residuals(
+    term: ObservationTerm, bones: BonePoses
+) -> Iterator[tuple[str, Floats[N, D3], Floats[N]]]:
+    """Yield `cloud`, its points (world [m]) and E1's signed distances of them; or `empty` and E2's, of the model's surface where the
+    cloud is empty.
+    """
     if isinstance(term, AtOwnTime):
-        return space_residuals(term.term, term.motion_there.carried(bones))
-    if isinstance(term, CloudDistanceTerm):
+        yield from space_residuals(term.term, term.motion_there.carried(bones))
+    elif isinstance(term, CloudDistanceTerm):
         points = np.ascontiguousarray(term.cloud.points[:, : term.cloud.count].T)
-        return SpaceResiduals("cloud", points, term.surface.distance(bones, points) / term.sigma_m)
-    if isinstance(term, CloudRaysTerm):
-        off = term.surface.distance(bones, term.points) / term.along_m
-        return SpaceResiduals("cloud", term.points, off)
-    if isinstance(term, CloudEmptinessTerm):
+        yield "cloud", points, term.surface.distance(bones, points) / term.sigma_m
+    elif isinstance(term, CloudRaysTerm):
+        yield "cloud", term.points, term.surface.distance(bones, term.points) / term.along_m
+    elif isinstance(term, CloudEmptinessTerm):
         points = bones.to_world(term.bone, term.local)
         beyond = np.maximum(term.distances.at(points)[0] - term.slack_m, 0.0)
-        return SpaceResiduals("empty", points, -beyond / term.sigma_m)
-    return None
+        yield "empty", points, -beyond / term.sigma_m
 
 
-def image_residuals(term: ObservationTerm, bones: BonePoses) -> list[ImageResiduals]:
-    """Return, by camera, how far the edge that each piece of outline explains is out along its normal; or how much brighter
+def image_residuals(
+    term: ObservationTerm, bones: BonePoses
+) -> Iterator[tuple[str, Camera, Floats[N, D2], Floats[N]]]:
+    """Yield `edges` or `texture`, a camera, its pixels, and how far the edge that each piece of outline explains is out along its normal; or how much brighter
     than the carried texture the image is. A piece without an edge on its normal is left out.
     """
     if isinstance(term, OutlineEdgesTerm):
-        found = []
         for seen in term.seen:
             outline = seen.outline
             at = bones.to_world(outline.bone, outline.local)
@@ -75,17 +58,13 @@ def image_residuals(term: ObservationTerm, bones: BonePoses) -> list[ImageResidu
             share = seen.strength * np.exp(-0.5 * (off / term.sigma_px) ** 2)
             nearest = off[np.arange(len(off)), share.argmax(axis=1)] / term.sigma_px
             there = (share > 0.0).any(axis=1)
-            found.append(ImageResiduals("edges", outline.camera, pixels[there], nearest[there]))
-        return found
-    if isinstance(term, CarriedTextureTerm):
-        found = []
+            yield "edges", outline.camera, pixels[there], nearest[there]
+    elif isinstance(term, CarriedTextureTerm):
         for texture, image in term.seen:
             at = bones.to_world(texture.bone, bones.rescaled(texture.bone, texture.local))
             pixels = texture.camera.project(at)
             brighter = (image.look_up(pixels)[0] - texture.color).mean(axis=1)
-            found.append(ImageResiduals("texture", texture.camera, pixels, brighter / term.sigma))
-        return found
-    return []
+            yield "texture", texture.camera, pixels, brighter / term.sigma
 
 
 def dots(size: tuple[int, int], pixels: Floats[N, D2], values: Floats[N]) -> Floats[H, W]:

@@ -228,13 +228,12 @@ class _Painter:
         """Return by camera and kind the residuals of clouds, edges and texture where they lie in its image."""
         found: dict[str, dict[str, list[tuple[Floats, Floats]]]] = {}
         for term in self._last:
-            space = space_residuals(term, bones)
-            for camera in self._cameras.values() if space is not None else ():
-                assert space is not None
-                ahead = camera.to_camera(space.points)[:, 2] > 0
-                pixels = camera.project(space.points[ahead])
-                kinds = found.setdefault(camera.name, {})
-                kinds.setdefault(space.kind, []).append((pixels, space.sigmas[ahead]))
+            for kind, points, sigmas in space_residuals(term, bones):
+                for camera in self._cameras.values():
+                    ahead = camera.to_camera(points)[:, 2] > 0
+                    pixels = camera.project(points[ahead])
+                    kinds = found.setdefault(camera.name, {})
+                    kinds.setdefault(kind, []).append((pixels, sigmas[ahead]))
             for kind, camera, pixels, sigmas in image_residuals(term, bones):
                 found.setdefault(camera.name, {}).setdefault(kind, []).append((pixels, sigmas))
         pictures: dict[str, dict[str, Floats]] = {}
@@ -258,8 +257,11 @@ class _Painter:
         """Return the hand's bones, the cloud, and what is left between them by kind: places and signed values, full at −1 and 1."""
         cloud = self._observation.cloud
         bones = self._model.bones(self.params)
-        found = (space_residuals(term, bones) for term in self._last)
-        residuals = {s.kind: (s.points, s.sigmas / _FULL_SIGMAS) for s in found if s is not None}
+        residuals = {
+            kind: (points, sigmas / _FULL_SIGMAS)
+            for term in self._last
+            for kind, points, sigmas in space_residuals(term, bones)
+        }
         return bones, None if cloud is None else cloud.points, residuals
 
 

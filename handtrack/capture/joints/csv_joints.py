@@ -190,25 +190,16 @@ def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) 
             )
     count = 1 + max(max(points) for points in found.values())
     count = next((n for n in _CALISCOPE_COUNTS if n >= count), count)
-    missing = (math.nan, math.nan)
+    columns = np.full((len(found), count, 3), (math.nan, math.nan, 0.0))
+    for one, points in zip(columns, found.values(), strict=True):
+        one[list(points)] = [(*place, 1.0) for place in points.values()]
     tree = {
-        frame: [
-            {
-                "keypoints": [points.get(i, missing) for i in range(count)],
-                "keypoint_scores": [float(i in points) for i in range(count)],
-            }
-        ]
-        for frame, points in found.items()
+        frame: [{"keypoints": one[:, :2].tolist(), "keypoint_scores": one[:, 2].tolist()}]
+        for frame, one in zip(found, columns, strict=True)
     }
     given = read_json_joints(tree, where)
     if given is None or (count == len(JOINTS) and not given.has_hand):
-        names = [str(i) for i in range(count)]
-        columns = np.array(
-            [
-                [(*points.get(i, missing), float(i in points)) for i in range(count)]
-                for points in found.values()
-            ]
-        )
+        names = list(map(str, range(count)))
         given = table_joints("", names, columns, list(found), where, "mediapipe21")
     return replace(given, family="Caliscope's xy.csv")
 
