@@ -30,6 +30,7 @@ from handtrack_app.protocol.calls import Mailbox
 log = logging.getLogger(__name__)
 _PATIENCE_S = 20.0  # the browser opens at the latest after this; the page says what goes on
 _STOP_S = 5.0  # what is done is on disk; an engine that is deep in a compilation, half a minute, is not waited for
+_FIRST = (snapshots.SessionSnapshot, snapshots.PoseSnapshot, snapshots.TimelineSnapshot)
 _LIVE_STOP_S = 15.0  # a recording of running cameras is completed at the end
 
 
@@ -59,7 +60,7 @@ class Workbench:
         """engine: makes what does as the plan says, and tells it. demo: play what is tracked once it is open, and offer the tour. open_pages: open
         rerun's viewer in the browser, too. token: of the page before.
         """
-        self._open_pages = open_pages
+        self._open_pages, self._is_demo = open_pages, demo
         self.folder, self.host, self.wanted_port = plan.folder, host, port
         self.state = UserState()
         self._snapshots: Mailbox[snapshots.Snapshot | Drawn] = Mailbox(_kind_of)
@@ -70,7 +71,9 @@ class Workbench:
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._wanted: dict[str, tuple[object, ...]] = {}
         self.engine = self.worker.engine
-        self._is_demo = self._plays_first = demo
+        self._plays_first = demo
+        self._watched: tuple[Callable[[], object], ...] = (self._see_first,)
+        """called now and then, by the thread that shows snapshots"""
         self._token = token
         self.left = threading.Event()
         """somebody wants another recording"""
@@ -98,23 +101,17 @@ class Workbench:
             self.engine,
             self.redraw,
             self.go_to,
+            self.left.set,
             self.door.messages.sent_value,
         )
         self.door.messages.own = self.page.own_widgets
-        self.stage = Stage(self.page)
-        self.layout = PageLayout(self.page, self.stage, self.worker.start_again)
-        self._subscribe()
-        self.page.on(self.layout.session.others, lambda *_: self.left.set())
+        self.layout = PageLayout(self.page, self.worker.start_again)
         self.in_flight = InFlight(self.page, self._snapshots.put)
         self.server.on_client_disconnect(lambda _: self.in_flight.clear())
         self.player = Player(self.state, self._ask_for, self.in_flight, self.redraw)
-        self.server.on_client_connect(self._welcome)
         self.server.on_client_connect(self.layout.room.welcome)
-        self.layout.help.offers_tour = self._is_demo
-        self.server.on_client_connect(self.layout.help.welcome)
         self._thread = threading.Thread(target=self._show_snapshots, name="view", daemon=True)
         self._thread.start()
-        self.server.on_client_disconnect(lambda _: self.redraw())  # its picture is painted no more
         self.player.start()
         self.worker.start()
         return self
@@ -172,38 +169,42 @@ class Workbench:
                     self.page.show(snapshot)
             except Exception:  # one snapshot that cannot be shown must not end the page
                 log.exception("could not show %s", type(snapshot).__name__)
-            self.stage.clear_late()
-            self.layout.help.watch()
-            opens = self.layout.progress.state in ("opening", "failed")
-            if not opens and None not in (self.stage.pose, self.layout.timeline.strip):
-                self._ready.set()
+            for watch in self._watched:
+                watch()
 
-    def _subscribe(self) -> None:
-        """Have each kind of snapshot shown where it belongs."""
-        stage, layout, subscribe = self.stage, self.layout, self.page.subscribe
-        subscribe(snapshots.SessionSnapshot, self._show_session, stage.fit, layout.fit)
-        subscribe(snapshots.SessionSnapshot, lambda _: self.redraw())
+    def _see_first(self) -> None:
+        """Build scene and panels once all has come that they begin with."""
+        first = [self.page.early.get(kind) for kind in _FIRST]
+        if None not in first:
+            self._build(*first)  # type: ignore[arg-type]
+            self.page.show_early()
+
+    def _see_ready(self) -> None:
+        if self.layout.progress.state not in ("opening", "failed"):
+            self._ready.set()
+
+    def _build(
+        self,
+        session: snapshots.SessionSnapshot,
+        pose: snapshots.PoseSnapshot,
+        strip: snapshots.TimelineSnapshot,
+    ) -> None:
+        """Build scene and panels, and have snapshots shown in them."""
+        subscribe, server = self.page.subscribe, self.server
+        self.state.kind = session.kind
+        subscribe(snapshots.SessionSnapshot, self._show_session)
+        subscribe(snapshots.TimelineSnapshot, self._show_span)
+        self.stage = Stage(self.page, session, pose)
+        self.layout.build(self.stage, session, pose, strip)
         subscribe(snapshots.PoseSnapshot, self._take_pose)
         subscribe(Drawn, self._show_held)
-        subscribe(snapshots.PictureSnapshot, stage.show_pictures, layout.session.show_pictures)
-        subscribe(snapshots.SurfaceSnapshot, stage.show_surface)
-        subscribe(snapshots.CloudSnapshot, stage.show_cloud, layout.cloud.show)
-        subscribe(snapshots.CloudPicture, layout.cloud.show_picture)
-        subscribe(snapshots.CloudCard, layout.cloud.fit, stage.fit_cloud)
-        subscribe(snapshots.MaskCard, layout.masks.fit)
-        subscribe(snapshots.MaskPicture, stage.show_masks, layout.masks.show)
-        subscribe(snapshots.GuessesSnapshot, stage.show_guesses, layout.guesses.show)
-        subscribe(snapshots.CurvesSnapshot, layout.plots.show)
-        subscribe(snapshots.CloseSnapshot, layout.review.show_pictures)
-        subscribe(snapshots.ScoreSnapshot, stage.show_score, layout.pose.show_score)
-        subscribe(snapshots.WorkSnapshot, layout.show_work)
-        subscribe(snapshots.LiveSnapshot, layout.live.show)
-        subscribe(snapshots.TimelineSnapshot, self._show_span, layout.show_timeline)
-        subscribe(snapshots.TimelineChange, self._change_timeline)
-        subscribe(snapshots.ProgressSnapshot, layout.show_progress, self._show_progress)
-        subscribe(snapshots.Notice, self._notify, layout.show_notice)
+        subscribe(snapshots.ProgressSnapshot, self._show_progress)
         subscribe(snapshots.RerunPage, self._show_rerun)
-        subscribe(snapshots.Download, layout.export.deliver)
+        self._watched = (self.stage.clear_late, self.layout.help.watch, self._see_ready)
+        self.layout.help.offers_tour = self._is_demo
+        server.on_client_connect(self.layout.help.welcome)
+        server.on_client_connect(self._welcome)
+        server.on_client_disconnect(lambda _: self.redraw())  # its picture is painted no more
 
     def _show_session(self, session: snapshots.SessionSnapshot) -> None:
         with self.state.lock:
@@ -233,11 +234,6 @@ class Workbench:
         with self.state.lock:
             self.state.start, self.state.stop = strip.start, strip.start + len(strip.status)
 
-    def _change_timeline(self, change: snapshots.TimelineChange) -> None:
-        strip = self.layout.timeline.strip
-        if strip is not None:
-            self.layout.show_timeline(change.over(strip))
-
     def _show_progress(self, progress: snapshots.ProgressSnapshot) -> None:
         tracking = progress.state in ("tracking", "preparing")
         if self.state.tracking != tracking:
@@ -245,16 +241,12 @@ class Workbench:
             self.redraw()
             self.layout.review.ask()
         if self._plays_first and progress.state == "idle":  # the demo is open
-            strip, self._plays_first = self.layout.timeline.strip, False
-            is_tracked = strip is not None and bool((strip.status >= 0).any())
+            self._plays_first = False
+            is_tracked = bool((self.layout.timeline.strip.status >= 0).any())
             self.state.playing = is_tracked and not self.state.version  # nobody edits yet
-
-    def _notify(self, notice: snapshots.Notice) -> None:
-        self.page.notify(notice.level, notice.title, notice.text)
 
     def _show_rerun(self, rerun: snapshots.RerunPage) -> None:
         print(f"handtrack: residuals are at {rerun.url}", flush=True)
-        self.layout.tracking.show_rerun(rerun.url)
         if self._open_pages:
             webbrowser.open(rerun.url)
 

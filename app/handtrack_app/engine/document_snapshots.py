@@ -2,36 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 
 from handtrack.arrays import D3, D21, Floats
+from handtrack.capture.masks.segmentation import METHODS
 from handtrack.diagnostics.flexion import flexion_deg
 from handtrack.diagnostics.review import ReviewInterval, intervals_to_review
-from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_library import pose_names, pose_title
 from handtrack.model.size import shape_numbers
+from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.formats.truth import mean_error_mm
 from handtrack.session.session import Session
+from handtrack.session.sources.views import View
 from handtrack.store.spans import resolved
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine.document import Document, TrackedRows, WholeFrame
+from handtrack_app.engine.document import Document, TrackedRows, WholeFrame, source_of
 from handtrack_app.engine.inverse_kinematics import stem_bones
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     CLOUD,
+    FILES,
     HAND_REACH_M,
     IMAGES,
     KEYPOINTS,
+    NO_MASKS,
     PROBABILITY,
     SILHOUETTES,
-    CameraCard,
+    CloudCard,
     Hold,
+    MaskCameraCard,
+    MaskCard,
     PartCard,
     PinCard,
     PoseSnapshot,
@@ -78,8 +85,9 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         start=document.frames.start,
         stop=document.frames.stop,
         first_frame=document.first_frame,
-        cameras=tuple(CameraCard.of(camera) for camera in session.rig.cameras),
-        scene_centre=scene_centre(session.rig.cameras),
+        cameras=tuple(camera.without_distortion() for camera in session.rig.cameras),
+        clouds=cloud_card(document),
+        masks=mask_card(document),
         parameter_names=model.parameter_names,
         driven=tuple(n for n in model.parameter_names if n not in driving),
         interval=model.limits.interval.copy(),
@@ -122,15 +130,51 @@ def seen_kinds(session: Session) -> frozenset[str]:
     return frozenset(kind for kind, is_there in there.items() if is_there)
 
 
-def scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:
-    """Return the point nearest to all optical axes, world [m]; for one camera, half a metre before it."""
-    system, right = 1e-3 * np.eye(3), np.zeros(3)
-    for camera in cameras:
-        centre, axis = camera.centre, camera.rotation[2]
-        across = np.eye(3) - np.outer(axis, axis)
-        system += across
-        right += across @ centre + 1e-3 * (centre + 0.5 * axis) / len(cameras)
-    return np.asarray(np.linalg.solve(system, right), dtype=float)
+_PAIRS = 12  # offered for stereo
+
+
+def cloud_card(document: Document) -> CloudCard:
+    """Return where clouds come from and the settings in force."""
+    settings = document.clouds
+    views = document.run.session.views
+    with_images = tuple(view.name for view in views if view.settings.images is not None)
+    pairs, source = tuple(combinations(with_images, 2)), ""
+    if settings is not None:
+        source = "stereo" if settings.stereo else "depth" if settings.depth else "files"
+        pairs = (*settings.stereo, *(p for p in pairs if p not in settings.stereo))
+    in_force = (settings or CloudSettings()).in_force
+    first = next(iter(pairs), None)
+    return CloudCard(source, in_force, with_images, pairs[:_PAIRS], first, document.unsaved_clouds)
+
+
+_NO_IMAGES = "No camera of this recording has images: its masks cannot be computed, nor seen against anything."
+_FILES = "Masks of {} are files. Choose a method to compute them from the images, or correct them below: the files stay."
+
+
+def mask_card(document: Document) -> MaskCard:
+    """Return where masks come from, with the settings in force."""
+    cards = []
+    for view in document.run.session.views:
+        source = source_of(document.masks[view.name])
+        table = dict(source.masks) if isinstance(source.masks, dict) else {}
+        method = str(table.pop("method", NO_MASKS if source.masks is None else FILES))
+        possible = possible_masks(document, view)
+        cards.append(MaskCameraCard(view.name, method, table, source.roi, possible))
+    words = ""
+    if all(set(card.possible) <= {FILES, NO_MASKS} for card in cards):
+        words = _NO_IMAGES
+    elif files := [card.name for card in cards if card.method == FILES]:
+        words = _FILES.format(", ".join(files))
+    return MaskCard(tuple(cards), document.unsaved_masks, words)
+
+
+def possible_masks(document: Document, view: View) -> tuple[str, ...]:
+    """Return the mask methods that a camera has what it takes for; files where session.toml names some."""
+    settings, saved = view.settings, document.saved_masks[view.name][0]
+    found = [n for n, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
+    if settings.keypoints is None:
+        found = [name for name in found if name != "seeded"]
+    return (*found, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
 
 
 def pose_snapshot(document: Document) -> PoseSnapshot:

@@ -27,6 +27,7 @@ from handtrack.session.session_state import Correction, Edit, MaskSource, decide
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import View
 from handtrack_app.engine.document import source_of, usual_values
+from handtrack_app.engine.document_snapshots import possible_masks
 from handtrack_app.engine.jobs import BackgroundJob
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.service import PreviewService
@@ -35,8 +36,6 @@ from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import (
     FILES,
     NO_MASKS,
-    MaskCameraCard,
-    MaskCard,
     MaskPicture,
 )
 
@@ -156,8 +155,6 @@ def _as_taken(view: View, points: Sequence[Sequence[float]]) -> Floats[N, D2]:
 
 
 _MOST_CARRIED = 50  # frames each way; what is carried drifts
-_NO_IMAGES = "No camera of this recording has images: its masks cannot be computed, nor seen against anything."
-_FILES = "Masks of {} are files. Choose a method to compute them from the images, or correct them below: the files stay."
 
 
 class MaskService(PreviewService):
@@ -171,16 +168,18 @@ class MaskService(PreviewService):
     def want_masks(self, on: bool) -> None:
         """Show masks over all cameras' images or not."""
         self._on_all = on
-        self.look()
+        self.show()
 
     def want_screens(self, screens: tuple[tuple[str, str], ...]) -> None:
         """Show the masks of these cameras whose large pictures are looked at."""
         names = self.document.run.session.rig.names
         wanted = (name for name, paint in screens if paint == "mask")
         self._screens = tuple(name for name in wanted if name in names)
-        self.look()
+        self.show()
 
-    def _wants(self) -> bool:
+    @property
+    def is_wanted(self) -> bool:
+        """Whether the page looks at something."""
         return self._on_all or bool(self._screens)
 
     def _show(self, hurried: bool) -> None:
@@ -198,23 +197,6 @@ class MaskService(PreviewService):
         return partial(
             masks_picture, self.opened.pictures, document.run.session, document.frame, self._on_all, self._screens
         )  # fmt: skip
-
-    def card(self) -> MaskCard:
-        """Return where masks come from, with the settings in force."""
-        document = self.document
-        views = document.run.session.views
-        cards = []
-        for view in views:
-            source = source_of(document.masks[view.name])
-            table = dict(source.masks) if isinstance(source.masks, dict) else {}
-            method = str(table.pop("method", NO_MASKS if source.masks is None else FILES))
-            cards.append(MaskCameraCard(view.name, method, table, source.roi, self._possible(view)))
-        words = ""
-        if all(set(card.possible) <= {FILES, NO_MASKS} for card in cards):
-            words = _NO_IMAGES
-        elif files := [card.name for card in cards if card.method == FILES]:
-            words = _FILES.format(", ".join(files))
-        return MaskCard(tuple(cards), document.unsaved_masks, words)
 
     # ---- changing
 
@@ -274,7 +256,7 @@ class MaskService(PreviewService):
                     f"session.toml names no files of masks for camera '{view.name}': `masks = \"masks/{view.name}/*.png\"` does."
                 )
             return saved
-        if name not in self._possible(view):
+        if name not in possible_masks(self.document, view):
             needs = METHODS[name].needs if name in METHODS else "a method that is known"
             raise HandtrackError(
                 f"masks of camera '{view.name}' cannot be made by '{name}': it needs {needs}, and joints for 'seeded'."
@@ -287,14 +269,6 @@ class MaskService(PreviewService):
         needed = {"sample": middle, "reference": self.document.frame, **_DEPTHS_M}
         given = {item.name: needed[item.name] for item in fields(kind) if item.name in needed}
         return {"method": name, **usual_values(kind), **given}
-
-    def _possible(self, view: View) -> tuple[str, ...]:
-        """Return the methods that a camera has what it takes for; files where session.toml names some."""
-        settings, saved = view.settings, self.document.saved_masks[view.name][0]
-        found = [n for n, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
-        if settings.keypoints is None:
-            found = [name for name in found if name != "seeded"]
-        return (*found, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
 
     @command(edits=True)
     def mark_mask_box(
@@ -361,7 +335,7 @@ class MaskService(PreviewService):
             edit = decide(correction={(view.name, own): now})
             self.store.do(words, edit, f"{words} {tag}", waits=True, is_stroke=True)
 
-        self._change(change)
+        self.opened.change(change, is_stroke=True)
 
     @command(edits=True, files=True)
     def drop_correction(self, frame: int, camera: str) -> None:
@@ -373,7 +347,7 @@ class MaskService(PreviewService):
             edit = decide(correction={(camera, own): None})
             self.store.do(f"Correction of {camera} dropped, frame {frame}", edit)
 
-        self._change(change)
+        self.opened.change(change)
 
     def _place(self, camera: str, frame: int) -> tuple[View, int]:
         """Return a camera's view and its own frame. Raises HandtrackError where it shows nothing."""
@@ -403,4 +377,4 @@ class MaskService(PreviewService):
             work = partial(carry, views=views, frame=at, reach=frames, is_painted=self._is_painted)
             self.jobs.begin("carrying", work)
 
-        self._change(change)
+        self.opened.change(change)

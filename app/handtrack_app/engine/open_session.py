@@ -113,7 +113,7 @@ class OpenSession:
         """Show the session and its first pose, and say what is to be known of it."""
         document, say = self.document, self._say
         self._tell_work()
-        self._show_settings()
+        self._show_session()
         document.show(document.first_frame)
         for view in views:
             self.serve(view)
@@ -317,28 +317,22 @@ class OpenSession:
         self.document.show(min(frames, default=self.document.frame))
         self._say("done", f"{done}: {action.words[:1].lower()}{action.words[1:]}", "")
         if len(frames) < len(changed):
-            self._show_settings()
+            self._show_session()
             self._tuning.say_notes(known)
         self.show_all()
 
-    def _show_settings(self) -> None:
-        self._show_session()
-        self._clouds.tell()
-        self._masks.tell()
-
-    def see_otherwise(self, change: Callable[[], None]) -> None:
-        """Change clouds or masks; the page learns where there are some for the first time, or none any more."""
-        known = seen_kinds(self.document.run.session)
-        self._tuning.followed(change)
-        if seen_kinds(self.document.run.session) != known:
-            self._show_session()
-
-    def see_cameras(self, change: Callable[[], object]) -> None:
-        """Change the cameras, and show what follows."""
-        self._tuning.followed(change)
-        self.document.show(self.document.frame)
-        self._show_settings()
-        self.show_all()
+    def change(self, change: Callable[[], object], is_stroke: bool = False) -> None:
+        """Change what is tracked by, save or restore it, and show what holds then. is_stroke: it is one of many that change no setting.
+        Raises HandtrackError for what cannot be done, as anything while a job runs.
+        """
+        document, known = self.document, seen_kinds(self.document.run.session)
+        try:
+            self.jobs.require_idle()
+            self._tuning.followed(change)
+        finally:
+            if not is_stroke or seen_kinds(document.run.session) != known:
+                self._show_session()
+            (self.show_pose if is_stroke else self.show_all)()
 
     def _say_warnings(self, *more: str) -> None:
         for warning in filter(None, (*more, *self.document.run.session.warnings)):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from handtrack.arrays import D3, Floats, P
 from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import Keypoints
@@ -19,7 +21,6 @@ from handtrack.session.sources.video_audits import count_beside
 from handtrack.store.store import Store
 from handtrack.tracking.search.initialize import FEWEST, placed_on_points
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.document_snapshots import scene_centre
 from handtrack_app.engine.store.persistence import show_track_file
 
 # the share of points that are nearest, and how far behind them a hand may reach
@@ -84,7 +85,7 @@ def placed_in_view(run: TrackingRun, centre: Floats[D3] | None = None) -> Floats
     """Return solver parameters of the relaxed hand around a point, or where the cameras look, its back to the first one."""
     cameras = list(run.session.rig.cameras)
     if centre is None:
-        centre = scene_centre(cameras)
+        centre = _scene_centre(cameras)
     first = cameras[0]
     up, forward = -first.rotation[1], first.rotation[2]
     # +y up, back of the hand to the camera
@@ -93,6 +94,17 @@ def placed_in_view(run: TrackingRun, centre: Floats[D3] | None = None) -> Floats
     joint[3:6] = rotation_vector(turn)
     joint[:3] = centre - 0.09 * up  # the wrist, half a hand below
     return run.model.clipped(run.model.transform.solver_params(joint))
+
+
+def _scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:
+    """Return the point nearest to all optical axes, world [m]; for one camera, half a metre before it."""
+    system, right = 1e-3 * np.eye(3), np.zeros(3)
+    for camera in cameras:
+        centre, axis = camera.centre, camera.rotation[2]
+        across = np.eye(3) - np.outer(axis, axis)
+        system += across
+        right += across @ centre + 1e-3 * (centre + 0.5 * axis) / len(cameras)
+    return np.asarray(np.linalg.solve(system, right), dtype=float)
 
 
 def _middle_of_cloud(session: Session) -> Floats[D3] | None:

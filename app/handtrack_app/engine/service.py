@@ -33,21 +33,16 @@ _HURRIED_S = 0.6  # while tracking runs, previews are shown at most this often
 class PreviewService(Service, ABC):
     """Pictures on request, and settings whose change the frame shown follows; what takes time is made on the render thread or by a job."""
 
-    is_wanted = False
-    """the page looks at something of it"""
     _shown_at = 0.0
 
+    @property
     @abstractmethod
-    def _wants(self) -> bool:
-        """Return whether the page looks at something that there is."""
+    def is_wanted(self) -> bool:
+        """Whether the page looks at something that there is."""
 
     @abstractmethod
     def _show(self, hurried: bool) -> None:
         """Have made what the page wants of the frame shown."""
-
-    @abstractmethod
-    def card(self) -> Snapshot:
-        """Return the settings in force."""
 
     def show(self, hurried: bool = False) -> None:
         """Have made what the page wants of the frame shown. hurried: tracking runs, which comes first."""
@@ -56,38 +51,15 @@ class PreviewService(Service, ABC):
             self._shown_at = now
             self._show(hurried)
 
-    def look(self) -> None:
-        """The page looks at something else."""
-        self.is_wanted = self._wants()
-        self.show()
-
-    def tell(self) -> None:
-        """Publish the settings in force."""
-        self.is_wanted = self._wants()
-        self.publish(self.card())
-
-    def _change(self, change: Callable[[], object]) -> None:
-        """Change, save or restore settings. Raises HandtrackError for what cannot be done."""
-
-        def changed() -> None:
-            try:
-                self.jobs.require_idle()
-                change()
-                self.look()
-            finally:
-                self.tell()  # the page shows what holds
-
-        self.opened.see_otherwise(changed)
-
     def _do(
         self, words: str, edit: Callable[[], Edit], tag: str = "", is_stroke: bool = False
     ) -> None:
         """Make an edit of settings."""
-        self._change(lambda: self.store.do(words, edit(), tag, is_stroke=is_stroke))
+        self.opened.change(lambda: self.store.do(words, edit(), tag, is_stroke=is_stroke))
 
     def _save(self, save: Callable[[Persistence], str], title: str) -> None:
         """Write settings into session.toml, and say so."""
-        self._change(lambda: self.publish(Notice("done", title, save(self.store))))
+        self.opened.change(lambda: self.publish(Notice("done", title, save(self.store))))
 
 
 # ---- A thread beside the worker: makes what is only shown (clouds, surfaces, pictures of them), or fits a frame anew

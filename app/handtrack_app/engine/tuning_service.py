@@ -89,19 +89,9 @@ class TuningService(Service):
 
     def _change(self, edit: Callable[[], Edit], words: str, slid: bool) -> None:
         """Let values hold from now on. slid: by a slider: many changes are one step of undo."""
-        document = self.document
-
-        def changed() -> None:
-            try:
-                self.jobs.require_idle()
-                known = document.run.notes
-                self.store.do(words, edit(), tag=words, is_stroke=slid)
-                self.say_notes(known)
-            finally:
-                self.publish(session_snapshot(document))  # the page shows what holds
-            self.opened.show_all()
-
-        self.followed(changed)
+        known = self.document.run.notes
+        self.opened.change(lambda: self.store.do(words, edit(), tag=words, is_stroke=slid))
+        self.say_notes(known)
 
     def followed(self, change: Callable[[], object]) -> None:
         """Change what is tracked by, and have the frame shown fitted anew if that did. Raises HandtrackError, and for an accepted

@@ -38,8 +38,7 @@ class Preview:
         self.painter = Painter(document, publish, waiting)
         self._publish = publish
         publish(session_snapshot(document))
-        if len(document.results):
-            publish(timeline_snapshot(document))
+        publish(timeline_snapshot(document))
 
     @command()
     def show_frame(self, frame: int, is_played: bool = False) -> None:

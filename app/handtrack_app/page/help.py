@@ -56,12 +56,12 @@ class Help:
     """Help and tour of the pages."""
 
     page: Page
+    leave: Callable[[viser.ClientHandle], None]
+    """leaves a camera's view"""
+    marks: tuple[Callable[[], object], ...]
+    """for each step of the tour what differs once it is done"""
     offers_tour: bool = False
     """to who comes for the first time"""
-    leave: Callable[[viser.ClientHandle], None] = lambda client: None
-    """leaves a camera's view"""
-    marks: tuple[Callable[[], object], ...] = ()
-    """for each step of the tour what differs once it is done"""
     _steps: dict[int, tuple[viser.GuiFolderHandle, int, object]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -93,7 +93,7 @@ class Help:
 
     def table(self, wanted: str = "") -> str:
         """Return gestures and keys, or those of them that hold some words."""
-        say = self.page.words.of
+        say = self.page.say
         known = (*_GESTURES, *self.page.keys, ("Ctrl K", "All commands, by name"))
         rows = "".join(
             f"<div><kbd>{html.escape(say(how))}</kbd><span>{html.escape(say(what))}</span></div>"
@@ -115,7 +115,7 @@ class Help:
         if number >= len(TOUR):
             client.local_storage.set_item(_KEPT_AS, "yes")
             return
-        title, words = (self.page.words.of(one) for one in TOUR[number])
+        title, words = (self.page.say(one) for one in TOUR[number])
         with client.gui.add_folder(f"{number + 1} of {len(TOUR)}: {title}", order=0.2) as folder:
             client.gui.add_html(text(words, faint=False))
             go_on = client.gui.add_button_group("Tour", ("Skip", _LEAVE))

@@ -23,17 +23,38 @@ from handtrack_app.page.panels.pose_words import group_of
 from handtrack_app.page.panels.review import NextStep, ReviewPanel
 from handtrack_app.page.panels.settings import LimitsPanel, RefitSwitch, SettingsPanel
 from handtrack_app.page.panels.tracking import LivePanel, TakesPanel, TrackingPanel
-from handtrack_app.page.panels.view import WIDTH, SessionPanel, Taste, colours, head
+from handtrack_app.page.panels.view import (
+    WIDTH,
+    Room,
+    SessionPanel,
+    Taste,
+    colours,
+    head,
+    leave_button,
+)
 from handtrack_app.page.scene.handles import GrabKeys
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.time.timeline import TimelinePanel
 from handtrack_app.protocol.palette import ASIDE
 from handtrack_app.protocol.snapshots import (
     BEFORE,
+    CloseSnapshot,
+    CloudPicture,
+    CloudSnapshot,
+    CurvesSnapshot,
+    Download,
+    GuessesSnapshot,
+    LiveSnapshot,
+    MaskPicture,
     Notice,
+    PictureSnapshot,
     PoseSnapshot,
     ProgressSnapshot,
+    RerunPage,
+    ScoreSnapshot,
     SessionSnapshot,
+    SurfaceSnapshot,
+    TimelineChange,
     TimelineSnapshot,
     WorkSnapshot,
 )
@@ -46,12 +67,11 @@ _ASIDE = (
 
 
 class PageLayout:
-    """Builds the panels once, and passes snapshots on to them."""
+    """The head of the page; and its panels, once there is a session."""
 
-    def __init__(self, page: Page, stage: Stage, start_again: Callable[[], None]) -> None:
+    def __init__(self, page: Page, start_again: Callable[[], None]) -> None:
         """start_again: starts an engine that ended too often."""
-        self.page = page
-        gui = page.gui
+        self.page, gui = page, page.gui
         colours(gui)
         dress(page.server)
         self.progress = ProgressSnapshot("opening", "Opening …")
@@ -62,6 +82,20 @@ class PageLayout:
         self.failure = gui.add_markdown("", visible=False)
         self.again = page.button("Start again", start_again, "refresh", color=None, visible=False)
         self.messages = Messages(page)
+        self.others = leave_button(page)
+        self.room = Room(page)
+        page.heard.extend((self.messages.take, self._unfold))
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
+        page.subscribe(ProgressSnapshot, self.show_progress)
+        page.subscribe(Notice, self.show_notice)
+
+    def build(
+        self, stage: Stage, session: SessionSnapshot, shown: PoseSnapshot, strip: TimelineSnapshot
+    ) -> None:
+        """Build the panels, which snapshots are shown in from now on."""
+        page, gui = self.page, self.page.gui
+        self.others.remove()
         card = gui.add_html("")
         gui.add_html("<div class='handtrack-rail'></div>")
         tabs, icon = gui.add_tab_group(), viser.Icon
@@ -78,68 +112,82 @@ class PageLayout:
             reviewing = gui.add_tab_group()
         with more:
             others = gui.add_tab_group()
-        self.help = Help(page)
-        self.session = SessionPanel(page, view, stage)
-        self.room = self.session.room
-        self.help.leave = self.session.leave
-        self.tracking = TrackingPanel(page, track)
+        self.session = SessionPanel(page, view, stage, self.room, session)
+        self.tracking = TrackingPanel(page, track, session, self.progress, strip)
         add_work_keys(page, self.tracking)
-        self.live = LivePanel(page, track)
+        if session.live:
+            page.subscribe(LiveSnapshot, LivePanel(page, track).show)
         self.takes = TakesPanel(page, track)
         refits = RefitSwitch(page)
         GrabKeys(page, lambda: stage.root)
         joints = posing.add_tab("Joints")
-        self.pose = PosePanel(page, card, joints, stage.grips)
+        self.pose = PosePanel(page, card, joints, stage.grips, session, shown)
         self.guesses = self.pose.guesses
         stage.take_guess = self.guesses.take
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
-        self.limits = LimitsPanel(page, posing.add_tab("Limits"), refits)
+        self.limits = LimitsPanel(page, posing.add_tab("Limits"), refits, session)
         with posing.add_tab("Certainty"):
             self.certainty = gui.add_html("")
-        self.review = ReviewPanel(page, reviewing.add_tab("Queue"))
+        self.review = ReviewPanel(page, reviewing.add_tab("Queue"), strip)
         self.plots = PlotsPanel(page, reviewing.add_tab("Plots"), lambda: self.timeline.window)
         self.export = ExportPanel(page, others.add_tab("Export"))
-        self.settings = SettingsPanel(page, others.add_tab("Settings"), refits)
-        self.masks = MaskPanel(page, others.add_tab("Masks"), stage)
-        self.cloud = CloudPanel(page, others.add_tab("Cloud"), stage.mark_box)
-        self.help.marks = (
-            lambda: 0 if self.pose.pose is None else self.pose.pose.version,
-            lambda: (
-                () if self.pose.pose is None else tuple(pin.pixel for pin in self.pose.pose.pins)
-            ),
+        self.settings = SettingsPanel(page, others.add_tab("Settings"), refits, session)
+        self.masks = MaskPanel(page, others.add_tab("Masks"), stage, session.masks)
+        self.cloud = CloudPanel(page, others.add_tab("Cloud"), stage.mark_box, session.clouds)
+        marks = (
+            lambda: self.pose.pose.version,
+            lambda: tuple(pin.pixel for pin in self.pose.pose.pins),
             lambda: self.review.at,
             lambda: self.plots.group.value,
             lambda: self.export.delivered,
         )
+        self.help = Help(page, self.session.leave, marks)
         self.messages.build(others.add_tab("Messages"))
-        page.heard.extend((self.messages.take, self._unfold))
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(WIDTH)
 
         below = gui.add_panel()
         timeline = below.add_tab("Timeline")
         with timeline:
             self.next = NextStep(page, self.tracking, self.guesses, self.review)
         self.review.moved = self.next.show
-        self.timeline = TimelinePanel(page, timeline)
+        self.timeline = TimelinePanel(page, timeline, session, strip)
         self.timeline.moved = self.plots.draw
         below.float(x=16, y=-16, width=560)
 
-    def fit(self, session: SessionSnapshot) -> None:
-        """Make all panels fit a session."""
+        subscribe = page.subscribe
+        panels = (self.pose, self.limits, self.tracking, self.settings, self.plots)
+        subscribe(
+            SessionSnapshot,
+            stage.fit,
+            *(panel.fit for panel in (*panels, self.cloud, self.masks)),
+            self._show_session,
+        )
+        subscribe(PictureSnapshot, stage.show_pictures, self.session.show_pictures)
+        subscribe(SurfaceSnapshot, stage.show_surface)
+        subscribe(CloudSnapshot, stage.show_cloud, self.cloud.show)
+        subscribe(CloudPicture, self.cloud.show_picture)
+        subscribe(MaskPicture, stage.show_masks, self.masks.show)
+        subscribe(GuessesSnapshot, stage.show_guesses, self.guesses.show)
+        subscribe(CurvesSnapshot, self.plots.show)
+        subscribe(CloseSnapshot, self.review.show_pictures)
+        subscribe(ScoreSnapshot, stage.show_score, self.pose.show_score)
+        subscribe(WorkSnapshot, self.show_work)
+        subscribe(TimelineSnapshot, self.show_timeline)
+        subscribe(TimelineChange, lambda new: self.show_timeline(new.over(self.timeline.strip)))
+        subscribe(ProgressSnapshot, self._forget_warnings, self.tracking.show)
+        subscribe(ProgressSnapshot, self.guesses.show_progress, lambda _: self.next.show())
+        subscribe(Notice, self.review.warn)
+        subscribe(RerunPage, self.tracking.show_rerun)
+        subscribe(Download, self.export.deliver)
+        self.guesses.show_progress(self.progress)
+
+    def _forget_warnings(self, progress: ProgressSnapshot) -> None:
+        """What was found out about the recording holds until it is tracked anew."""
+        begins = progress.state == "tracking" and self.tracking.progress.state != "tracking"
+        if begins and progress.total > 1:  # not a single frame
+            put(self.review.about, content="")
+
+    def _show_session(self, session: SessionSnapshot) -> None:
         self.snapshot = session
-        self.page.words.fit(session)
-        for panel in (
-            self.session,
-            self.pose,
-            self.limits,
-            self.tracking,
-            self.live,
-            self.settings,
-            self.timeline,
-            self.plots,
-        ):
-            panel.fit(session)
         self._show_head()
 
     def _show_head(self) -> None:
@@ -167,16 +215,10 @@ class PageLayout:
 
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
-        begins = progress.state == "tracking" and self.progress.state != "tracking"
-        if begins and progress.total > 1:  # not a single frame
-            put(self.review.about, content="")
         self.progress = progress
         failed = progress.state == "failed"
         put(self.again, visible=failed)
         put(self.failure, visible=failed and bool(self.failure.content))
-        self.tracking.show(progress)
-        self.guesses.show_progress(progress)
-        self.next.show()
         self._show_head()
 
     def show_work(self, work: WorkSnapshot) -> None:
@@ -193,9 +235,8 @@ class PageLayout:
                 self.room.fold(client, folded=False)
 
     def show_notice(self, notice: Notice) -> None:
-        """Keep the reason of a session that cannot be opened, and what was found out about the recording, for those who come later."""
-        if notice.of_recording:
-            self.review.warn(notice.text)
+        """Tell what is said, and keep the reason of a session that cannot be opened for those who come later."""
+        self.page.notify(notice.level, notice.title, notice.text)
         if self.progress.state == "failed" and notice.level == "error":
             self.failure.content = f"**{notice.title}**\n\n{notice.text}"
             self.failure.visible = True
@@ -221,6 +262,8 @@ class Messages:
     _all: deque[Notice] = field(default_factory=lambda: deque(maxlen=_MOST))
     _standing: list[Notice] = field(default_factory=list)
     _lock: threading.Lock = field(default_factory=threading.Lock)
+    said: viser.GuiHtmlHandle | None = None
+    """of all messages, once there is a session"""
 
     def __post_init__(self) -> None:
         """Add the note where the page builds now."""
@@ -231,7 +274,8 @@ class Messages:
     def build(self, tab: viser.GuiTabHandle) -> None:
         """Add the list of all messages to a tab."""
         with tab:
-            self.list = self.page.gui.add_html(_NONE)
+            self.said = self.page.gui.add_html("")
+        self._show()
 
     def take(self, notice: Notice) -> None:
         """Keep what is said; the same again takes the place of the older one, and an answer to what was tried stands until the next."""
@@ -261,7 +305,8 @@ class Messages:
     def _show(self) -> None:
         with self._lock:
             said, standing = list(self._all), list(self._standing)
-        put(self.list, content="".join(_words(one) for one in said) or _NONE)
+        if self.said is not None:
+            put(self.said, content="".join(_words(one) for one in said) or _NONE)
         more = f"<div style='opacity:.7'>{len(standing) - 1} more: tab Messages</div>"
         if standing:
             put(self.note, content=_words(standing[-1], more if len(standing) > 1 else ""))

@@ -17,7 +17,7 @@ import viser
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.protocol.calls import Engine
-from handtrack_app.protocol.snapshots import Notice, SessionSnapshot
+from handtrack_app.protocol.snapshots import Notice
 
 if TYPE_CHECKING:
     from handtrack_app.viser_internals import GuiModalHandle, HotkeyKey, KeyModifier
@@ -85,6 +85,8 @@ class Look:
 class UserState:
     """The page's side of the truth. Callbacks run on many threads: hold `lock` for more than one field."""
 
+    kind: str = "hand"
+    """of model: `hand` or `body`"""
     names: tuple[str, ...] = ()
     frame: int = 0
     awaited: int | None = None
@@ -153,47 +155,11 @@ class UserState:
         return int(min(max(round(frame), self.start), self.stop - 1))
 
 
-# ---- Words on the page that say what is tracked: as the model's definition has it, once a session tells
+# ---- What every panel is handed
 
 
 _PARTS = {"hand": ("finger", "palm"), "body": ("limb", "trunk")}
 """by kind of model: what it has several of, and what they hang on"""
-
-
-@dataclass
-class Worded:
-    """In a text, {kind} and {Kind} stand for what is tracked, hand or body, and {part} for one of its parts, {middle} for what they hang on."""
-
-    kind: str = "hand"
-    _given: list[tuple[object, dict[str, str]]] = field(default_factory=list)
-
-    def of(self, text: str) -> str:
-        """Return a text with its words."""
-        part, middle = _PARTS[self.kind]
-        said = text.replace("{kind}", self.kind).replace("{Kind}", self.kind.capitalize())
-        return said.replace("{part}", part).replace("{middle}", middle)
-
-    def on(self, widget: object, **texts: str) -> None:
-        """Keep such properties of a widget (`label`, `hint`) in the words that hold."""
-        self._given.append((widget, texts))
-        self._write(widget, texts)
-
-    def fit(self, session: SessionSnapshot) -> None:
-        """Take the words of a session's model."""
-        if session.kind != self.kind:
-            self.kind = session.kind
-            for widget, texts in self._given:
-                self._write(widget, texts)
-
-    def _write(self, widget: object, texts: dict[str, str]) -> None:
-        for name, text in texts.items():
-            if getattr(widget, name) != (said := self.of(text)):
-                setattr(widget, name, said)
-
-
-# ---- What every panel is handed
-
-
 log = logging.getLogger(__name__)
 _OPEN_TAB = """%s.forEach((name, n) => setTimeout(() => {
   const tab = [...document.querySelectorAll('[role="tab"]')].find((one) => one.textContent.trim() === name);
@@ -256,11 +222,12 @@ class Page:
     """apply changed display options to the scene"""
     go_to: Callable[[float], None]
     """show a frame"""
+    leave: Callable[[], None]
+    """somebody wants another recording"""
     said: Callable[[Any], Any]
     """the value that a page last gave to a widget"""
     own_widgets: dict[str, Callable[[int, object], None]] = field(default_factory=dict)
     """by id: what is called with a client and the value that it gave to a widget that each page has for itself"""
-    words: Worded = field(default_factory=Worded)
     heard: list[Callable[[Notice], None]] = field(default_factory=list)
     """called with all that is said"""
     keys: list[tuple[str, str]] = field(default_factory=list)
@@ -269,8 +236,19 @@ class Page:
     """by client that is at something, such as painting: asked first what a letter means; whether it took it"""
     _shows: dict[type, list[Callable[[Any], object]]] = field(default_factory=dict)
     """by kind of snapshot, in the order in which they subscribed"""
+    early: dict[type, object] = field(default_factory=dict)
+    """the newest snapshots of kinds that nobody subscribed to yet"""
     _dialogs: dict[int, GuiModalHandle] = field(default_factory=dict)
     """by client, those that are open"""
+
+    def say(self, text: str) -> str:
+        """Return a text in which {kind} and {Kind} stand for what is tracked, hand or body, and {part} for one of its parts, {middle} for
+        what they hang on.
+        """
+        kind = self.state.kind
+        part, middle = _PARTS[kind]
+        said = text.replace("{kind}", kind).replace("{Kind}", kind.capitalize())
+        return said.replace("{part}", part).replace("{middle}", middle)
 
     def subscribe(self, kind: type[Shows], *show: Callable[[Shows], object]) -> None:
         """Have snapshots of a kind shown, from now on."""
@@ -278,8 +256,18 @@ class Page:
 
     def show(self, snapshot: object) -> None:
         """Show a snapshot wherever its kind was subscribed to."""
-        for show in self._shows.get(type(snapshot), ()):
+        shows = self._shows.get(type(snapshot), ())
+        if not shows:
+            self.early[type(snapshot)] = snapshot
+        for show in shows:
             show(snapshot)
+
+    def show_early(self) -> None:
+        """Show what came before its panels were built."""
+        early = list(self.early.values())
+        self.early.clear()
+        for snapshot in early:
+            self.show(snapshot)
 
     @contextmanager
     def dialog(self, client: viser.ClientHandle, title: str) -> Iterator[None]:
@@ -393,8 +381,7 @@ class Page:
     ) -> None:  # fmt: skip
         """Let a key call `act`; the palette (Ctrl-K) has it too, or alone (None). by_page: `act` gets the page whose key it was."""
         hotkey = cast("HotkeyKey | None", key)
-        command = self.gui.add_command(self.words.of(words), hotkey=hotkey, modifier=modifier)
-        self.words.on(command, label=words)
+        command = self.gui.add_command(self.say(words), hotkey=hotkey, modifier=modifier)
 
         def use(client: viser.ClientHandle, _: object) -> None:
             first = None if modifier else self.modal.get(client.client_id)

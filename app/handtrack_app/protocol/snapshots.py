@@ -161,10 +161,6 @@ class TimelineSnapshot:
         return self.marked.get("accepted", frozenset())
 
 
-NO_TIMELINE = TimelineSnapshot(0, np.zeros(0, np.int64), np.zeros(0), np.zeros(0), ())
-"""of no frame: before the first one comes"""
-
-
 @dataclass(frozen=True)
 class TimelineChange:
     """Some rows of the timeline anew, while tracking goes on: what is told does not grow with the recording."""
@@ -221,28 +217,26 @@ class PartCard:
     faces: Ints[T, D3]
 
 
-@dataclass(frozen=True)
-class CameraCard:
-    """An undistorted camera as the scene draws it."""
-
-    name: str
-    size: tuple[int, int]
-    matrix: Floats[D3, D3]
-    rotation: Floats[D3, D3]
-    """camera → world"""
-    centre: Floats[D3]
-    """world [m]"""
-
-    @classmethod
-    def of(cls, camera: Camera) -> CameraCard:
-        """Return what the scene needs of a camera."""
-        rotation = camera.rotation.T.copy()
-        return cls(camera.name, camera.size, camera.matrix.copy(), rotation, camera.centre.copy())
-
-
 SILHOUETTES, CLOUD, KEYPOINTS, IMAGES = "silhouettes", "cloud", "keypoints", "images"
 SEEN = frozenset({SILHOUETTES, CLOUD, KEYPOINTS, IMAGES})
 """kinds of what a recording can show of the model"""
+
+
+@dataclass(frozen=True)
+class CloudCard:
+    """Where clouds come from and the settings in force."""
+
+    source: str
+    """`stereo`, `depth`, `files`, or empty: this session has no clouds"""
+    values: dict[str, object]
+    """settings of [clouds] in force by name, with the usual ones filled in; None is off"""
+    image_cameras: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...]
+    """pairs of cameras that can be matched"""
+    pair: tuple[str, str] | None
+    """the first pair in use"""
+    unsaved: tuple[str, ...]
+    """settings that differ from session.toml"""
 
 
 @dataclass(frozen=True)
@@ -255,9 +249,10 @@ class SessionSnapshot:
     start: int
     stop: int
     first_frame: int
-    cameras: tuple[CameraCard, ...]
-    scene_centre: Floats[D3]
-    """where the cameras look, world [m]"""
+    cameras: tuple[Camera, ...]
+    """undistorted"""
+    clouds: CloudCard
+    masks: MaskCard
     parameter_names: tuple[str, ...]
     driven: tuple[str, ...]
     """joint parameters that follow others under this coupling"""
@@ -550,23 +545,6 @@ class CloudSelection:
 
 
 @dataclass(frozen=True)
-class CloudCard:
-    """Where clouds come from and the settings in force."""
-
-    source: str
-    """`stereo`, `depth`, `files`, or empty: this session has no clouds"""
-    values: dict[str, object]
-    """settings of [clouds] in force by name, with the usual ones filled in; None is off"""
-    image_cameras: tuple[str, ...]
-    pairs: tuple[tuple[str, str], ...]
-    """pairs of cameras that can be matched"""
-    pair: tuple[str, str] | None
-    """the first pair in use"""
-    unsaved: tuple[str, ...]
-    """settings that differ from session.toml"""
-
-
-@dataclass(frozen=True)
 class TakeCard:
     """One tracking of the session."""
 
@@ -606,7 +584,7 @@ class Opened:
 
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
-    | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
-    | CurvesSnapshot | CloseSnapshot | ScoreSnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
+    | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture
+    | CurvesSnapshot | CloseSnapshot | ScoreSnapshot | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
     | Opened
 )  # fmt: skip

@@ -103,7 +103,7 @@ def test_a_search_can_be_cancelled_and_may_find_nothing(bench, search):
     eventually(lambda: not panel.cancel.visible, "cancelled before the search came to its end")
     search.set()
     bench.engine.find_hand(9)
-    eventually(lambda: "No hand found" in bench.layout.messages.list.content, "told")
+    eventually(lambda: "No hand found" in bench.layout.messages.said.content, "told")
     assert panel.guesses is None
 
 

@@ -41,6 +41,11 @@ def method(card, camera="cam0"):
     return next(c.method for c in card.cameras if c.name == camera)
 
 
+def masks_told(listener, test):
+    """Return where masks come from, once the page is told of such."""
+    return listener.wait(snapshots.SessionSnapshot, lambda s: test(s.masks)).masks
+
+
 def stroke(frame=0, brush="hand", camera="cam0"):
     return call("paint_mask", frame, camera, brush, ((10.0, 60.0), (20.0, 60.0)), 4.0, brush)
 
@@ -55,13 +60,13 @@ def file_of(folder, frame=0):
 
 def test_a_method_is_tried_over_all_cameras_at_once(desk):
     worker, listener, folder = desk
-    first = listener.wait(snapshots.MaskCard)
+    first = listener.wait(snapshots.SessionSnapshot).masks
     assert [method(first, c.name) for c in first.cameras] == ["none", "none"]
     assert "skin_ycrcb" in first.cameras[0].possible
     assert {"seeded", "depth_range", "files"}.isdisjoint(first.cameras[0].possible)
     worker.engine.want_masks(True)
     worker.send(SKIN)
-    card = listener.wait(snapshots.MaskCard, lambda c: method(c) == "skin_ycrcb")
+    card = masks_told(listener, lambda c: method(c) == "skin_ycrcb")
     assert card.unsaved == ("cam0", "cam1")
     assert card.cameras[0].values["cr"] == (138, 175)
 
@@ -71,7 +76,7 @@ def test_a_method_is_tried_over_all_cameras_at_once(desk):
 
     listener.wait(snapshots.MaskPicture, is_dark)
     worker.engine.set_masks("cam1", {"y_min": 255})
-    changed = listener.wait(snapshots.MaskCard, lambda c: c.cameras[1].values.get("y_min") == 255)
+    changed = masks_told(listener, lambda c: c.cameras[1].values.get("y_min") == 255)
     assert changed.cameras[0].values["y_min"] == 40
     assert (folder / "session.toml").read_text() == SETTINGS
 
@@ -82,7 +87,7 @@ def test_what_is_tried_is_saved_and_taken_back(desk):
     worker.engine.set_masks("cam1", {"roi": (10, 5, 60, 50)})
     worker.engine.set_masks("cam0", {"cr": (140, 170)})
     worker.engine.save_masks()
-    listener.wait(snapshots.MaskCard, lambda c: c.cameras[1].roi is not None and not c.unsaved)
+    masks_told(listener, lambda c: c.cameras[1].roi is not None and not c.unsaved)
     text = (folder / "session.toml").read_text()
     assert text.startswith("# a comment that stays\n")
     saved = tomllib.loads(text)["camera"]
@@ -90,7 +95,7 @@ def test_what_is_tried_is_saved_and_taken_back(desk):
     assert saved[1]["roi"] == [10, 5, 60, 50]
     assert Session.open(folder).views[0].settings.masks == SkinYCrCb(cr=(140, 170))
     worker.engine.set_masks("cam0", {"y_min": 90})
-    listener.wait(snapshots.MaskCard, lambda c: c.unsaved == ("cam0",))
+    masks_told(listener, lambda c: c.unsaved == ("cam0",))
     worker.engine.undo(1)
     eventually(lambda: not worker.document.unsaved_masks, "undone")
     worker.engine.set_masks("", {"method": "background_median"})
@@ -204,7 +209,7 @@ def test_files_are_said_to_be_files_and_stay(tmp_path):
     )
     (folder / "session.toml").write_text(text)
     worker, listener, _ = begun(folder)
-    card = listener.wait(snapshots.MaskCard)
+    card = listener.wait(snapshots.SessionSnapshot).masks
     assert method(card) == "files"
     assert card.words.startswith("Masks of cam0 are files.")
     before = (folder / "masks" / "0.png").read_bytes()

@@ -16,7 +16,7 @@ from handtrack_app.engine.store import persistence
 from handtrack_app.page.panels.export import card_words
 from handtrack_app.page.panels.view import DARK, LIGHT, WIDTH
 from handtrack_app.page.scene.model_view import hand_balls
-from handtrack_app.page.scene.zoom import Zoom, pixel_ray
+from handtrack_app.page.scene.zoom import Zoom
 from tests.app.desk import in_threads
 from tests.app.fake_run import FRAMES, SPOT, fake_document
 from tests.app.page.test_review_panel import _tracked
@@ -470,7 +470,7 @@ def _picture_and_model_are_drawn_as_one_however_large(bench, view):
     looking.views._change(client, lambda _: zoom)
     plain = screenshot(view)
     radius = 0.36 / looks.card.matrix[0, 0] * 0.9 / times
-    place = looks.card.centre + 0.36 * pixel_ray(looks.card, SPOT)
+    place = looks.card.centre + 0.36 * looks.card.rays(np.array(SPOT))
     ball = scene.add_icosphere(
         "/ball", radius, color=(255, 0, 255), position=place, cast_shadow=False
     )

@@ -13,7 +13,6 @@ from handtrack_app.engine.document_snapshots import pose_snapshot, session_snaps
 from handtrack_app.page.panels.pose import CopiedPose
 from handtrack_app.page.pins.grips import WholeDrag, hold_at
 from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.snapshots import CameraCard
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 
@@ -35,9 +34,9 @@ def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, page):
     before, session, card = _pose(bench), bench.stage.session, page.view.card
     bone = session.bone_names.index("ring_metacarpal")
     palm = before.centre[list(session.ellipsoid_bone).index(bone)]
-    aim = palm + card.rotation @ (0.02, 0.01, 0.05)
+    aim = palm + card.rotation.T @ (0.02, 0.01, 0.05)
     page.drag("/grips/flesh", palm, aim)
-    way, ahead = aim - card.centre, card.rotation[:, 2]
+    way, ahead = aim - card.centre, card.rotation[2]
     place = card.centre + way * ((palm - card.centre) @ ahead) / (way @ ahead)
     eventually(lambda: np.allclose(_pose(bench).values[:3] - before.values[:3], place - palm, atol=1e-6), "moved")  # fmt: skip
     assert_allclose(_pose(bench).values[3:], before.values[3:], atol=1e-9)
@@ -126,7 +125,7 @@ def test_the_switch_refits_the_frame_that_is_shown(bench, monkeypatch, page):
 def shown(tmp_path):
     document = fake_document(tmp_path)
     session, pose = session_snapshot(document), pose_snapshot(document)
-    return session, pose, CameraCard.of(document.run.session.rig["front"])
+    return session, pose, document.run.session.rig["front"].without_distortion()
 
 
 def _ellipsoid(session, bone):
@@ -149,7 +148,7 @@ def test_away_from_joints_it_is_the_point_of_the_segment_under_the_pointer(shown
 
 def test_what_is_not_of_this_hand_is_not_held_and_a_drag_that_tells_nothing_changes_nothing(shown):
     session, pose, card = shown
-    behind = card.centre - card.rotation[:, 2]
+    behind = card.centre - card.rotation[2]
     assert hold_at(session, pose, card, 10_000, pose.middle) is None
     assert hold_at(session, pose, card, 0, np.full(3, np.nan)) is None
     assert hold_at(session, pose, card, 0, behind) is None
@@ -165,7 +164,7 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(be
     eventually(lambda: page.number in grips._grips, "the hand can be taken hold of")
     pose, session = bench.stage.pose, bench.stage.session
     tip = pose.joints[session.joint_names.index("index_tip")]
-    aim = tip + 0.02 * page.view.card.rotation[:, 0]
+    aim = tip + 0.02 * page.view.card.rotation[0]
     page.drag("/grips/flesh", tip, aim, part=_ellipsoid(session, "index_distal"))
     eventually(lambda: bool(bench.stage.pose and bench.stage.pose.pins), "pinned")
 

@@ -75,7 +75,7 @@ def test_a_range_is_tracked_from_the_nearest_pose_of_its_own():
     )
     assert nearest_posed(strip, 12, 25, 24) == 15, "nothing is tracked at the frame shown"
     assert nearest_posed(strip, 16, 25, 24) == 24
-    assert nearest_posed(snapshots.NO_TIMELINE, 12, 25, 3) == 12
+    assert nearest_posed(replace(strip, by_hand=()), 12, 25, 3) == 12
     tracked = replace(strip, status=np.where(np.arange(20) > 12, 0, -1))
     assert nearest_posed(tracked, 12, 25, 24) == 24
 

@@ -24,24 +24,24 @@ from handtrack_app.page.scene.zoom import (
     box_of,
     enlarged,
     eye,
-    pixel_ray,
     ray_pixel,
     whole,
     with_pixel_at,
 )
-from handtrack_app.protocol.snapshots import CameraCard
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 
 WINDOWS = [(1280, 700), (620, 800), (944, 640), (300, 900)]
 MATRIX = np.array([[610.0, 0, 300.5], [0, 645.0, 260.25], [0, 0, 1.0]])  # off-centre, fx ≠ fy
-CARD = CameraCard(
-    "cam0", (640, 480), MATRIX, rotation_matrix(np.array([0.4, -1.3, 0.8])), np.array([0.3, -1.2, 2.0])
+TURN = rotation_matrix(np.array([0.4, -1.3, 0.8]))
+"""camera → world"""
+CARD = Camera(
+    "cam0", (640, 480), MATRIX, np.zeros(5), TURN.T, -TURN.T @ np.array([0.3, -1.2, 2.0])
 )  # fmt: skip
 
 
 def by_opencv(points):
-    world_to_camera = CARD.rotation.T
+    world_to_camera = TURN.T
     turn, _ = cv2.Rodrigues(world_to_camera)
     pixels, _ = cv2.projectPoints(points, turn, -world_to_camera @ CARD.centre, MATRIX, np.zeros(5))
     return pixels[:, 0]
@@ -59,7 +59,7 @@ def on_picture(pixel, depth):
     """Return where a pixel of the picture stands in the world, as the plane with the picture is placed."""
     width, height, middle = plane_of(CARD, depth)
     share = (pixel + 0.5) / CARD.size - 0.5
-    return middle + CARD.rotation @ np.array([share[0] * width, share[1] * height, 0.0])
+    return middle + TURN @ np.array([share[0] * width, share[1] * height, 0.0])
 
 
 @pytest.mark.parametrize("window", WINDOWS)
@@ -68,7 +68,7 @@ def test_model_and_picture_meet_at_the_pixel_that_opencv_has(window, times, rng)
     seen = rng.uniform((0, 0), CARD.size, (50, 2))
     depths = rng.uniform(0.3, 0.9, 50)
     hand = np.array([
-        CARD.centre + depth * CARD.rotation @ np.linalg.solve(MATRIX, [*pixel, 1.0])
+        CARD.centre + depth * TURN @ np.linalg.solve(MATRIX, [*pixel, 1.0])
         for pixel, depth in zip(seen, depths, strict=True)
     ])  # fmt: skip
     zoom = Zoom((rng.uniform(0, 639), rng.uniform(0, 479)), times)
@@ -83,7 +83,7 @@ def test_model_and_picture_meet_at_the_pixel_that_opencv_has(window, times, rng)
 
 def test_rays_and_pixels_are_each_others_inverse(rng):
     for pixel in rng.uniform((0, 0), CARD.size, (20, 2)):
-        ray = pixel_ray(CARD, (pixel[0], pixel[1]))
+        ray = CARD.rays(pixel)
         assert_allclose(ray_pixel(CARD, 3.7 * ray), pixel, atol=1e-9)
         assert_allclose(by_opencv((CARD.centre + 0.6 * ray)[None])[0], pixel, atol=1e-6)
         assert ray_pixel(CARD, -ray) is None
@@ -102,7 +102,7 @@ def test_an_enlargement_has_bounds():
 
 def test_a_dragged_pixel_stays_under_the_pointer_as_far_as_the_image_reaches():
     zoom = with_pixel_at(CARD, Zoom((320.0, 240.0), 4.0), 1.3, (200.0, 300.0), (0.8, 0.1))
-    seen = eye(CARD, zoom, 1.3).place(pixel_ray(CARD, (200.0, 300.0)))
+    seen = eye(CARD, zoom, 1.3).place(CARD.rays(np.array([200.0, 300.0])))
     assert_allclose(seen, (0.8, 0.1), atol=1e-4)
     far = with_pixel_at(CARD, Zoom((320.0, 240.0), 4.0), 1.3, (0.0, 0.0), (1.0, 1.0))
     assert far.aim == (0.0, 0.0)
@@ -111,7 +111,7 @@ def test_a_dragged_pixel_stays_under_the_pointer_as_far_as_the_image_reaches():
 @pytest.mark.parametrize("window", WINDOWS)
 def test_a_hand_is_shown_whole_and_large(window):
     ahead = np.array([[0.02, 0.05, 0.5], [0.08, 0.10, 0.55], [-0.01, 0.12, 0.5]])
-    points, radii = CARD.centre + ahead @ CARD.rotation.T, np.array([0.01, 0.01, 0.02])
+    points, radii = CARD.centre + ahead @ TURN.T, np.array([0.01, 0.01, 0.02])
     box = box_of(CARD, points, radii)
     assert box is not None
     zoom = around(CARD, box, window[0] / window[1])
@@ -122,7 +122,7 @@ def test_a_hand_is_shown_whole_and_large(window):
     ])  # fmt: skip
     assert (drawn > 0.1).all() and (drawn < 0.9).all()
     assert np.ptp(drawn, axis=0).max() > 0.6
-    assert box_of(CARD, CARD.centre - ahead @ CARD.rotation.T, radii) is None
+    assert box_of(CARD, CARD.centre - ahead @ TURN.T, radii) is None
 
 
 @pytest.fixture
@@ -155,7 +155,7 @@ def test_a_session_whose_cameras_look_down_has_a_view(overlooked):
 
     down = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])
     cards = tuple(
-        replace(card, rotation=down, centre=np.array([0.2 * i, 0.0, 0.6]))
+        replace(card, rotation=down, translation=-down @ np.array([0.2 * i, 0.0, 0.6]))
         for i, card in enumerate(overlooked.cameras)
     )
     for one in (cards, cards[:1], ()):

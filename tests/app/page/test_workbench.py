@@ -88,7 +88,7 @@ def test_a_pose_that_comes_late_leads_nobody_back_to_its_frame(bench, monkeypatc
 def test_a_page_that_comes_late_is_told_what_was_said(bench):
     """Fault C41."""
     bench._snapshots.put(snapshots.Notice("done", "Welcome back", "Restored: 3 poses."))
-    eventually(lambda: "Welcome back" in bench.layout.messages.list.content, "said to nobody")
+    eventually(lambda: "Welcome back" in bench.layout.messages.said.content, "said to nobody")
     with WireClient(bench.url) as wire:
         came = lambda: any("Welcome back" in str(message) for _, message in wire.messages)  # noqa: E731
         eventually(came, "told")

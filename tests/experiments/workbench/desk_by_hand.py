@@ -21,7 +21,6 @@ from handtrack.geometry.camera import Camera
 from handtrack.session.session import Session
 from handtrack_app.page.pins.grips import hold_at, place_of
 from handtrack_app.protocol.snapshots import (
-    CameraCard,
     GuessesSnapshot,
     Hold,
     Notice,
@@ -125,7 +124,7 @@ class Person:
             self.edit("set_pin", camera, (x, y), hold=held, tag=f"drag {self.version // _PLACES}")
         return held
 
-    def _held(self, card: CameraCard, grip: Floats[D3], joint: str) -> Hold | None:
+    def _held(self, card: Camera, grip: Floats[D3], joint: str) -> Hold | None:
         """Return what the page takes hold of where a point is seen; None where that is no part of the joint's finger."""
         session, pose = self.session, self.pose
         way = np.einsum("nji,j->ni", pose.rotation, grip - card.centre) / session.radii

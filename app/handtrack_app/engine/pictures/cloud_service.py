@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from handtrack.tracking.frame.settings import CloudTermSettings
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.document_snapshots import cloud_card
 from handtrack_app.engine.pictures.camera_pictures import (
     NARROW_PX,
     WIDE_PX,
@@ -42,7 +42,6 @@ from handtrack_app.engine.service import PreviewService
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import (
-    CloudCard,
     CloudPicture,
     CloudSelection,
     CloudSnapshot,
@@ -227,9 +226,6 @@ def _cameras(moment: RenderInput) -> tuple[str, ...]:
     return (settings.depth or paired or moment.session.rig.names)[:2]
 
 
-_PAIRS = 12  # offered for stereo
-
-
 class CloudService(PreviewService):
     """Clouds, and the surface that the solver fits to them."""
 
@@ -245,20 +241,22 @@ class CloudService(PreviewService):
     def want_surface(self, on: bool) -> None:
         """Show the solver's surface or not."""
         self._surface = on
-        self.look()
+        self.show()
 
     @command(view=True, latest=())
     def want_cloud(self, view: CloudSelection) -> None:
         """Show this of clouds from now on."""
         self._wanted = view
-        self.look()
+        self.show()
 
     @property
     def _wants_cloud(self) -> bool:
         shown = self._wanted.points or self._wanted.picture == "images"
         return shown and self.document.run.session.has_clouds
 
-    def _wants(self) -> bool:
+    @property
+    def is_wanted(self) -> bool:
+        """Whether the page looks at something that there is."""
         return self._surface or self._wants_cloud or self._wanted.picture == "stereo"
 
     def _show(self, hurried: bool) -> None:
@@ -271,7 +269,7 @@ class CloudService(PreviewService):
         if cloud and self._wanted.picture == "images" and not hurried:
             self.opened.render_thread.ask("picture", lambda: maker.images(moment))
         if stereo and not hurried:
-            pair = self._wanted.pair or self.card().pair
+            pair = self._wanted.pair or cloud_card(self.document).pair
             if pair is not None:
                 self.opened.render_thread.ask("picture", lambda: maker.stereo(moment, pair))
 
@@ -308,7 +306,7 @@ class CloudService(PreviewService):
             self.store.do("Colour of skin", edits.clouds(settings), tag="skin")
             self.publish(Notice("done", "The skin's colour is taken", words))
 
-        self._change(change)
+        self.opened.change(change)
 
     @command(edits=True)
     def restore_clouds(self) -> None:
@@ -319,29 +317,6 @@ class CloudService(PreviewService):
     def save_clouds(self) -> None:
         """Write the settings of [clouds] into session.toml."""
         self._save(saving.save_clouds, "Clouds' settings saved")
-
-    def card(self) -> CloudCard:
-        """Return where clouds come from and the settings in force."""
-        document, settings = self.document, self.document.clouds
-        session = document.run.session
-        views = session.views
-        with_images = tuple(view.name for view in views if view.settings.images is not None)
-        pairs = tuple(combinations(with_images, 2))
-        source, pair = "", None
-        if settings is not None:
-            source = "stereo" if settings.stereo else "depth" if settings.depth else "files"
-            pairs = (*settings.stereo, *(p for p in pairs if p not in settings.stereo))
-            pair = settings.stereo[0] if settings.stereo else None
-        if pair is None and pairs:
-            pair = pairs[0]
-        return CloudCard(
-            source,
-            (settings or CloudSettings()).in_force,
-            with_images,
-            pairs[:_PAIRS],
-            pair,
-            document.unsaved_clouds,
-        )
 
 
 def skin_in_force(

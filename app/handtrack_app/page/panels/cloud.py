@@ -17,7 +17,7 @@ from handtrack_app.page.html import chip, escaped, picture, pictures, rgb
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.settings import Box, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
-from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot
+from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, SessionSnapshot
 
 _COLOURS = {"distance to the model": "residual", "its own": "own", "plain": "plain"}
 _PICTURES = {"cameras and points": "images", "stereo match": "stereo", "none": "none"}
@@ -44,19 +44,20 @@ class CloudPanel:
     tab: viser.GuiTabHandle
     mark: Callable[..., None]
     """`Stage.mark_box`"""
-    card: CloudCard | None = None
+    card: CloudCard
     large: viser.PanelHandle | None = None
     large_picture: viser.GuiHtmlHandle | None = None
     known: dict[str, SettingWidget] = field(default_factory=dict)
     """settings of [clouds]; 0 switches a filter off"""
     skin: SkinControls | None = None
 
-    def fit(self, card: CloudCard) -> None:
-        """Build the tab once, then show the settings in force."""
-        if self.card is None:
-            with self.tab:
-                self._build(card)
-        self.card = card
+    def __post_init__(self) -> None:
+        with self.tab:
+            self._build(self.card)
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Show the settings in force."""
+        self.card = card = session.clouds
         for name, one in self.known.items():
             one.show(card.values.get(name))
         self.known["front_m"].widget.disabled = card.values.get("component") != "nearest"
@@ -129,16 +130,14 @@ class CloudPanel:
     @property
     def pair(self) -> tuple[str, str] | None:
         """The pair that is looked at."""
-        chosen = self.page.state.display.stereo_pair
-        return chosen if chosen is not None or self.card is None else self.card.pair
+        return self.page.state.display.stereo_pair or self.card.pair
 
     def _choose_pair(self, pair: tuple[str, str]) -> None:
         self.page.draw("stereo_pair", pair)
         self._offer_pair()
 
     def _offer_pair(self) -> None:
-        card = self.card
-        used = card is not None and card.source == "stereo" and self.pair == card.pair
+        used = self.card.source == "stereo" and self.pair == self.card.pair
         put(self.take_pair, visible=not used)
 
     def _option(self, label: str, name: str, hint: str = "") -> viser.GuiCheckboxHandle:
@@ -174,14 +173,11 @@ class CloudPanel:
 
     def show(self, cloud: CloudSnapshot) -> None:
         """Say what the filters did to a frame's cloud."""
-        if self.card is not None:
-            self.counts.content = counts_table(cloud)
-            self.legend.content = ramp_legend(cloud)
+        self.counts.content = counts_table(cloud)
+        self.legend.content = ramp_legend(cloud)
 
     def show_picture(self, cloud: CloudPicture) -> None:
         """Show the pictures of a frame's cloud."""
-        if self.card is None:
-            return
         widget, kind = (self._large(), "handtrack-picture") if cloud.wide else (self.picture, "")
         shown = {name: picture(one, name) for name, one in cloud.images.items()}
         widget.content = pictures(shown, kind)

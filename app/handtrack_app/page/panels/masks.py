@@ -18,7 +18,7 @@ from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.settings import SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
-from handtrack_app.protocol.snapshots import MaskCameraCard, MaskCard, MaskPicture
+from handtrack_app.protocol.snapshots import MaskCameraCard, MaskCard, MaskPicture, SessionSnapshot
 
 ALL = "all cameras"
 
@@ -30,20 +30,19 @@ class MaskPanel:
     page: Page
     tab: viser.GuiTabHandle
     stage: Stage
-    card: MaskCard | None = None
-    built: bool = False
+    card: MaskCard
     methods: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
     """a folder for each method, of which the one in force shows"""
     settings: dict[str, dict[str, SettingWidget]] = field(default_factory=dict)
     """by method and name"""
 
-    def fit(self, card: MaskCard) -> None:
-        """Build the tab once, then show what is in force."""
-        self.card = card
-        if not self.built:
-            self.built = True
-            with self.tab:
-                self._build(card)
+    def __post_init__(self) -> None:
+        with self.tab:
+            self._build(self.card)
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Show what is in force."""
+        self.card = card = session.masks
         self._show_chosen()
         self.note.content = escaped(card.words)
         changed = ", ".join(card.unsaved)
@@ -58,7 +57,7 @@ class MaskPanel:
         self.note = gui.add_html("")
         self.on = page.check(
             "Show masks", page.state.display.masks, self._show_masks,
-            page.words.of("Green: {kind}. Hatched: unknown. Blue outline: corrected by you."),
+            page.say("Green: {kind}. Hatched: unknown. Blue outline: corrected by you."),
         )  # fmt: skip
         choices = (ALL, *names) if len(names) > 1 else names
         self.camera = page.choice("Camera", choices, lambda _: self._show_chosen())
@@ -98,7 +97,6 @@ class MaskPanel:
 
     def _shown_camera(self) -> MaskCameraCard:
         """Return the camera chosen, of all the first."""
-        assert self.card is not None
         named = self._named()
         return next((c for c in self.card.cameras if c.name == named), self.card.cameras[0])
 
@@ -149,8 +147,6 @@ class MaskPanel:
 
     def show(self, masks: MaskPicture) -> None:
         """Show the masks of a frame."""
-        if not self.built:
-            return
         if masks.small and self.page.state.display.masks:
             named = {
                 f"{name} {masks.frame}": picture(one, name) for name, one in masks.small.items()
@@ -253,7 +249,7 @@ class CorrectingWidgets:
         self._painter: viser.ClientHandle | None = None
         self._strokes = count(1)
         self._stroke, self._last = 0, None
-        self.brushes = {page.words.of(words): brush for words, brush in _BRUSHES.items()}
+        self.brushes = {page.say(words): brush for words, brush in _BRUSHES.items()}
         gui = page.gui
         with gui.add_folder("Correct this frame"):
             self.words = gui.add_html("")

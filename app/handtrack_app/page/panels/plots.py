@@ -68,8 +68,7 @@ class PlotsPanel:
                 "For the part of the recording that the timeline shows. The ground truth "
                 "is plotted beside the track. Drag in a plot to zoom; double-click for all.",
             )  # fmt: skip
-            self.note = gui.add_html("")
-        page.words.on(self.note, content=text(_CHOOSE))
+            self.note = gui.add_html(text(page.say(_CHOOSE)))
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer the groups of the model's parameters."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from functools import partial
 
 import msgspec
@@ -68,6 +68,8 @@ class PosePanel:
     """stands where it is seen whatever tab is open"""
     tab: viser.GuiTabHandle
     grips: Grips
+    session: InitVar[SessionSnapshot]
+    pose: PoseSnapshot
     sliders: dict[str, viser.GuiSliderHandle[float]] = field(default_factory=dict)
     folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
     """by group; one is shown, so that all its sliders are on the screen"""
@@ -75,12 +77,9 @@ class PosePanel:
     names: tuple[str, ...] = ()
     length: tuple[str, float] = ("mm", 1e-3)
     """unit of a place, and what it is in metres"""
-    titles: Mapping[str, str] = field(default_factory=dict)
-    """of the library: what a pose is called → its name"""
-    pose: PoseSnapshot | None = None
     score: ScoreSnapshot | None = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, session: SessionSnapshot) -> None:
         page, gui = self.page, self.page.gui
         with self.tab:
             self.edit_buttons = page.buttons(
@@ -95,11 +94,10 @@ class PosePanel:
             self.sliders_at = gui.add_html("").order
             page.buttons("Pose from", ("Before", "First", "Tracked"), self.take)
             self.library = page.choice(
-                "Fingers as",
-                (_KEEP,),
-                self._choose,
+                "Pose as" if session.kind == "body" else "Fingers as", (_KEEP, *session.poses),
+                lambda chosen: self._choose(session.poses.get(chosen)),
                 "Set all but the place to a pose of the library.",
-            )
+            )  # fmt: skip
             page.button(
                 "Fit frame", self._fit, "focus-2",
                 "Solves this frame from the pose you see. Undo brings your pose back.",
@@ -108,9 +106,9 @@ class PosePanel:
                 "Save as first-frame pose", page.engine.save_pose, "device-floppy",
                 "Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
-            self.guesses = GuessesPanel(page)
-            self.pins = PinPanel(page, self.grips)
-            self.copies = CopyPanel(page)
+            self.guesses = GuessesPanel(page, session)
+            self.pins = PinPanel(page, self.grips, session)
+            self.copies = CopyPanel(page, session, self.pose)
         page.key("Fit frame", "F", self._fit)
 
     def _edit(self, which: str) -> None:
@@ -151,9 +149,9 @@ class PosePanel:
         source = {"Before": "previous", "First": "start"}.get(choice, choice)
         self.page.engine.take_pose(state.frame, source, version)
 
-    def _choose(self, chosen: str) -> None:
-        if chosen != _KEEP:
-            self.take(self.titles[chosen])
+    def _choose(self, name: str | None) -> None:
+        if name is not None:
+            self.take(name)
             self.library.value = _KEEP  # so that the same pose can be chosen again
 
     # ---- sliders
@@ -163,11 +161,7 @@ class PosePanel:
         if session.parameter_names != self.names:
             self._rebuild(session)
         self.guesses.fit(session)
-        self.copies.fit(session)
-        self.pins.fit(session)
-        self.library.label = "Pose as" if session.kind == "body" else "Fingers as"
-        self.titles = session.poses
-        self.library.options = (_KEEP, *self.titles)
+        self.copies.session = self.pins.session = session
         for s, name in enumerate(session.parameter_names):
             slider, driven = self.sliders[name], name in session.driven
             slider.disabled = driven
@@ -253,8 +247,7 @@ class PosePanel:
     def show_score(self, score: ScoreSnapshot) -> None:
         """Take a pose's score: it shows beside that pose alone."""
         self.score = score
-        if self.pose is not None:
-            self._show_card(self.pose)
+        self._show_card(self.pose)
 
     def _show_card(self, pose: PoseSnapshot) -> None:
         score = self.score
@@ -423,19 +416,15 @@ class GuessesPanel:
     """Handles of the search and of the ranked list."""
 
     page: Page
+    session: SessionSnapshot
     guesses: GuessesSnapshot | None = None
-    possible: bool = True
-    """there is something to look at"""
-    helps: bool = False
-    """a hand detector would"""
 
     def __post_init__(self) -> None:
         """Add the widgets where the page builds now."""
-        gui, page = self.page.gui, self.page
+        gui, page, kind = self.page.gui, self.page, self.session.kind
         self.find = page.buttons(
-            "Detect hand", (_HERE, _ANYWHERE), lambda name: self.search(name == _ANYWHERE), _FIND_HINTS["hand"]
+            f"Detect {kind}", (_HERE, _ANYWHERE), lambda name: self.search(name == _ANYWHERE), _FIND_HINTS[kind]
         )  # fmt: skip
-        page.words.on(self.find, label="Detect {kind}")
         self.fetch = page.button(
             f"Install detector ({DOWNLOAD_MB} MB)", lambda: self.search(fetch=True), "download",
             "Two networks that find a hand in the images of two cameras, whatever its posture, are not installed yet. This fetches them "
@@ -484,15 +473,20 @@ class GuessesPanel:
         searching = busy and progress.state == "preparing" and progress.job == "finding"
         put(self.cancel, visible=searching)
         put(self.find, visible=self.possible and not busy)
-        put(self.fetch, visible=self.helps and not busy and not has_weights())
+        session = self.session
+        helps = session.kind == "hand" and IMAGES in session.seen and len(session.cameras) > 1
+        put(self.fetch, visible=helps and not busy and not has_weights())
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer the search where there is one."""
-        self.possible = session.kind == "hand" or KEYPOINTS in session.seen
-        self.helps = session.kind == "hand" and IMAGES in session.seen and len(session.cameras) > 1
-        put(self.find, hint=_FIND_HINTS[session.kind])
+        self.session = session
         if not self.possible:
             self.find.visible = False
+
+    @property
+    def possible(self) -> bool:
+        """Whether there is something to look at."""
+        return self.session.kind == "hand" or KEYPOINTS in self.session.seen
 
 
 def _percent(share: float) -> str:
@@ -548,8 +542,8 @@ class CopyPanel:
     """Handles of copying."""
 
     page: Page
-    session: SessionSnapshot | None = None
-    pose: PoseSnapshot | None = None
+    session: SessionSnapshot
+    pose: PoseSnapshot
 
     def __post_init__(self) -> None:
         """Add the widgets where the page builds now, and the keys."""
@@ -561,20 +555,12 @@ class CopyPanel:
         self.line = page.gui.add_html("")
         page.key("Copy the pose", "C", self.copy, "alt")
         page.key("Paste the pose that was copied", "V", self.paste, "alt")
-
-    def fit(self, session: SessionSnapshot) -> None:
-        """Take a session's model."""
-        self.session = session
         self._say()
 
     def copy(self) -> None:
         """Copy the pose that is seen."""
         session, pose = self.session, self.pose
-        if (
-            session is not None
-            and pose is not None
-            and len(pose.values) == len(session.parameter_names)
-        ):
+        if len(pose.values) == len(session.parameter_names):
             values = dict(zip(session.parameter_names, pose.values.tolist(), strict=True))
             CopiedPose(session.folder, pose.frame, values).write()
             self._say()
@@ -594,7 +580,7 @@ class CopyPanel:
     def _say(self) -> None:
         """Say what was copied."""
         copied, words = CopiedPose.read(), ""
-        if copied is not None and self.session is not None:
+        if copied is not None:
             elsewhere = "" if copied.session == self.session.folder else ", another recording"
             words = f"Copied: frame {copied.frame}{elsewhere}"
         put(self.line, content=escaped(words))
@@ -616,9 +602,8 @@ class PinPanel:
 
     page: Page
     grips: Grips
+    session: SessionSnapshot
     pins: tuple[PinCard, ...] = ()
-    near_m: float = 0.0
-    """a pin that is missed by more is not at its joint any more"""
     _before: tuple[int, float] | None = None
     """a frame, and the cost of its pose before the pins"""
 
@@ -643,10 +628,6 @@ class PinPanel:
         fit_or_keep = "Pins: fit other joints to the images, or keep them"
         page.key(fit_or_keep, "X", self._switch, "shift")
 
-    def fit(self, session: SessionSnapshot) -> None:
-        """Take the size of a session's model."""
-        self.near_m = near_joint_m(session)
-
     def show(self, pose: PoseSnapshot, score: ScoreSnapshot | None) -> None:
         """Show the pins of a frame. score: of this pose, or None while it is not known."""
         cost = None if score is None or not score.energy else sum(score.energy.values())
@@ -656,7 +637,8 @@ class PinPanel:
         if cost is not None and self._before is not None and self._before[0] == pose.frame:
             gain = cost - self._before[1]
         self.pins = pose.pins
-        put(self.list, content=pin_list(pose.pins, self.near_m, gain) if pose.pins else _NO_PINS)
+        near_m = near_joint_m(self.session)
+        put(self.list, content=pin_list(pose.pins, near_m, gain) if pose.pins else _NO_PINS)
         for button in (self.drop, self.drop_all):
             put(button, visible=bool(pose.pins))
 

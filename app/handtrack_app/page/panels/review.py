@@ -16,7 +16,7 @@ from handtrack_app.page.html import card, picture, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import Order, TrackingPanel
-from handtrack_app.protocol.snapshots import NO_TIMELINE, CloseSnapshot, TimelineSnapshot
+from handtrack_app.protocol.snapshots import CloseSnapshot, Notice, TimelineSnapshot
 
 _ROWS = 8  # of the list, on one page
 _GO: tuple[str, ...] = ("Previous", "Next")
@@ -30,7 +30,7 @@ class ReviewPanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    strip: TimelineSnapshot = NO_TIMELINE
+    strip: TimelineSnapshot
     at: int | None = None
     """the place in the queue that was gone to"""
     rows: list[viser.GuiButtonHandle] = field(default_factory=list)
@@ -58,7 +58,7 @@ class ReviewPanel:
                 "Remove correction", partial(self._correct, on=False), "x",
                 "The cameras count as they were calibrated. Then track again.", visible=False,
             )  # fmt: skip
-            self.head = gui.add_html(head_words(NO_TIMELINE, None))
+            self.head = gui.add_html("")
             self.accept_next = page.button(
                 "Accept and next", partial(self.do_accept, ""), "check",
                 "Locks the interval, or the frame outside of one, and goes to the next. Key: Shift Y.", None, visible=False,
@@ -75,7 +75,7 @@ class ReviewPanel:
             self.release = page.buttons(
                 "Release", _LET_GO, self.let_go, "Tracking and refining may change these again.", visible=False
             )  # fmt: skip
-            self.here = gui.add_html(here_words(0, False, None))
+            self.here = gui.add_html("")
             for n in range(_ROWS):
                 self.cards.append(gui.add_html("", visible=False))
                 self.rows.append(page.button("–", partial(self._chosen, n), visible=False))
@@ -165,13 +165,11 @@ class ReviewPanel:
 
     # ---- showing
 
-    def warn(self, words: str) -> None:
+    def warn(self, notice: Notice) -> None:
         """Add a warning about the recording above the list, unless it stands there."""
-        line, shown = (
-            text(html.escape(words), faint=False, kind="handtrack-warning"),
-            self.about.content,
-        )
-        put(self.about, content=shown if line in shown else shown + line)
+        line = text(html.escape(notice.text), faint=False, kind="handtrack-warning")
+        if notice.of_recording and line not in self.about.content:
+            self.about.content += line
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Take the queue as it is now."""
@@ -333,7 +331,7 @@ class NextStep:
         strip, idle = self.tracking.strip, self.tracking.progress.state == "idle"
         session = self.tracking.session
         self.step = step = None
-        if len(strip.status) and session is not None and idle and not session.live:
+        if idle and not session.live:
             self.step = step = self._of(strip, bool(session.seen))
         if step is not None:
             words, label, _ = step
@@ -347,7 +345,7 @@ class NextStep:
         put(self.button, visible=step is not None)
 
     def _of(self, strip: TimelineSnapshot, has_views: bool) -> Step | None:
-        say, tracked = self.page.words.of, np.flatnonzero(strip.status >= 0)
+        say, tracked = self.page.say, np.flatnonzero(strip.status >= 0)
         if strip.hidden:
             take = max(span.take for span in strip.hidden)
             return (

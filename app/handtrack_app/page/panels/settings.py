@@ -139,18 +139,15 @@ class SettingsPanel:
     page: Page
     tab: viser.GuiTabHandle
     refits: RefitSwitch
+    session: SessionSnapshot
     controls: dict[str, SettingWidget] = field(default_factory=dict)
     folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
     told: dict[str, viser.GuiHtmlHandle] = field(default_factory=dict)
     """by setting: a sentence on the value that holds"""
-    session: SessionSnapshot | None = None
 
     def fit(self, session: SessionSnapshot) -> None:
-        """Build the widgets once, then show the values in force, and which of them session.toml does not have."""
+        """Show the values in force, and which of them session.toml does not have."""
         self.session = session
-        if not self.controls:
-            with self.tab:
-                self._build(session)
         for name, one in self.controls.items():
             value = session.settings.get(name)
             one.show(value)
@@ -166,26 +163,26 @@ class SettingsPanel:
         changed = to_be_said(session.settings, session.own_settings) if self.changed else {}
         self.saved.show(_changed_words(changed))
 
-    def _build(self, session: SessionSnapshot) -> None:
-        page, gui = self.page, self.page.gui
-        self.refits.build()
-        self.saved = SavedSettings(
-            page, page.engine.save_settings, self._restore, "Back to session.toml",
-            "Only these settings of the table [tracking] change; the file before is kept in versions/.",
-            "Undo brings the changes back.",
-        )  # fmt: skip
-        for title, settings in CONTROLS.items():
-            known = [s for s in settings if s.name in session.settings]
-            known = [s for s in known if s.about in ("", session.kind)]
-            if known:
-                folder = gui.add_folder(title, expand_by_default=title in OPEN)
-                self.folders[title] = folder
-                with folder:
-                    for setting in known:
-                        if on_page(setting, session.settings[setting.name]) is not None:
-                            self._add(setting)
-        self.shape = ShapePanel(page)
-        self.shape.build(session)
+    def __post_init__(self) -> None:
+        page, gui, session = self.page, self.page.gui, self.session
+        with self.tab:
+            self.refits.build()
+            self.saved = SavedSettings(
+                page, page.engine.save_settings, self._restore, "Back to session.toml",
+                "Only these settings of the table [tracking] change; the file before is kept in versions/.",
+                "Undo brings the changes back.",
+            )  # fmt: skip
+            for title, settings in CONTROLS.items():
+                known = [s for s in settings if s.name in session.settings]
+                known = [s for s in known if s.about in ("", session.kind)]
+                if known:
+                    folder = gui.add_folder(title, expand_by_default=title in OPEN)
+                    self.folders[title] = folder
+                    with folder:
+                        for setting in known:
+                            if on_page(setting, session.settings[setting.name]) is not None:
+                                self._add(setting)
+            self.shape = ShapePanel(page, session)
 
     def _show_what_counts(self, session: SessionSnapshot) -> None:
         """Offer settings of what the recording has, or of what somebody changed all the same."""
@@ -204,16 +201,13 @@ class SettingsPanel:
     @property
     def changed(self) -> dict[str, object]:
         """The settings in force that session.toml does not have, by name."""
-        if self.session is None:
-            return {}
         own = self.session.own_settings
         return {n: v for n, v in self.session.settings.items() if n in own and own[n] != v}
 
     def _restore(self) -> None:
-        changed, own = self.changed, self.session.own_settings if self.session else {}
-        if changed:
-            for name in changed:
-                self.page.engine.set_setting(name, own[name], "Settings of session.toml")
+        for name in self.changed:
+            own = self.session.own_settings[name]
+            self.page.engine.set_setting(name, own, "Settings of session.toml")
 
     def _add(self, setting: Setting) -> None:
         set_it = self.page.engine.set_setting
@@ -261,16 +255,16 @@ class ShapePanel:
     """A list of all numbers; the one that is chosen has a slider."""
 
     page: Page
-    session: SessionSnapshot | None = None
+    session: SessionSnapshot
 
-    def build(self, session: SessionSnapshot) -> None:
-        """Add the widgets where the page stands."""
-        page, gui = self.page, self.page.gui
+    def __post_init__(self) -> None:
+        """Add the widgets where the page builds now."""
+        page, gui, session = self.page, self.page.gui, self.session
         with gui.add_folder("Shape", expand_by_default=False) as self.folder:
             self.size = page.button(
                 "Fit the size", page.engine.fit_size, "ruler-measure",
-                "Of the person's {kind}, from frames of this recording. Where session.toml says so it is done by itself before the "
-                "first tracking.".replace("{kind}", session.kind),
+                f"Of the person's {session.kind}, from frames of this recording. Where session.toml says so it is done by itself before the "
+                "first tracking.",
             )  # fmt: skip
             labels = [row.label for row in session.shape]
             self.chosen = page.choice("Number", labels, lambda _: self._show_slider(), "Of the person's shape, to be set by hand. Where session.toml says scale = fit, tracking begins with it and may change it.")  # fmt: skip
@@ -291,8 +285,8 @@ class ShapePanel:
 
     @property
     def _row(self) -> ShapeNumber | None:
-        rows = self.session.shape if self.session else ()
-        return next((row for row in rows if row.label == self.chosen.value), None)
+        named = (row for row in self.session.shape if row.label == self.chosen.value)
+        return next(named, None)
 
     def _show_slider(self) -> None:
         row = self._row
@@ -326,10 +320,10 @@ class LimitsPanel:
     page: Page
     tab: viser.GuiTabHandle
     refits: RefitSwitch
+    session: SessionSnapshot
     ranges: dict[str, viser.GuiMultiSliderHandle[float]] = field(default_factory=dict)
     folders: list[viser.GuiFolderHandle] = field(default_factory=list)
     names: tuple[str, ...] = ()
-    session: SessionSnapshot | None = None
 
     def __post_init__(self) -> None:
         gui = self.page.gui
@@ -372,7 +366,6 @@ class LimitsPanel:
 
     def _own(self, name: str) -> tuple[float, float] | None:
         """Return the interval [rad] that the user set; None where the model's holds."""
-        assert self.session is not None, "no ranges before a session"
         s = self.names.index(name)
         low, high = (float(v) for v in self.session.interval[s])
         same = (low, high) == tuple(self.session.own_interval[s].tolist())

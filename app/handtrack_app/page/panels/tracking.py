@@ -12,9 +12,9 @@ import viser
 from handtrack_app.page.page import Page, put
 from handtrack_app.protocol.snapshots import (
     COUNTED,
-    NO_TIMELINE,
     LiveSnapshot,
     ProgressSnapshot,
+    RerunPage,
     SessionSnapshot,
     TimelineSnapshot,
     WorkSnapshot,
@@ -41,21 +41,20 @@ class TrackingPanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    session: SessionSnapshot | None = None
-    progress: ProgressSnapshot = ProgressSnapshot("idle", "Ready")
-    strip: TimelineSnapshot = NO_TIMELINE
+    session: SessionSnapshot
+    progress: ProgressSnapshot
+    strip: TimelineSnapshot
     starters: list[Any] = field(default_factory=list)
     rerun: viser.GuiMarkdownHandle | None = None
     range: viser.GuiMultiSliderHandle[int] | None = None
 
     def fit(self, session: SessionSnapshot) -> None:
-        """Build the tab once for a session's frames."""
-        is_built = self.session is not None
+        """Offer what the session's size allows."""
         self.session = session
-        if is_built:
-            self._show_size()
-            return
-        page, gui = self.page, self.page.gui
+        self._show_size()
+
+    def __post_init__(self) -> None:
+        page, gui, session = self.page, self.page.gui, self.session
         last = max(session.stop - 1, session.start + 1)
         with self.tab:
             self.pause = page.button("Pause", self.pause_or_go_on, "player-pause", visible=False)
@@ -78,7 +77,7 @@ class TrackingPanel:
             )  # fmt: skip
             self.starters = [begin, here]
             self.later = page.check(
-                page.words.of("Fit the {kind}'s size later"), False, self._put_off,
+                page.say("Fit the {kind}'s size later"), False, self._put_off,
                 "Track at once. The size is fitted afterwards, to what was tracked; then all can be tracked again.", visible=False,
             )  # fmt: skip
             self.sized = gui.add_html("", visible=False)
@@ -87,7 +86,7 @@ class TrackingPanel:
                 self._add_range(session, last)
             hint = "Show the newest images; posing the {kind} halts them." if session.live else "Show each frame as it is tracked."  # fmt: skip
             self.follow = page.check(
-                "Follow", True, self._follow, page.words.of(hint), visible=session.live
+                "Follow", True, self._follow, page.say(hint), visible=session.live
             )
             self.refine = page.button(
                 "Refine", page.engine.refine, "sparkles",
@@ -107,7 +106,7 @@ class TrackingPanel:
                 "Open in rerun", page.engine.open_rerun, "chart-dots",
                 "Residuals of every camera in rerun's viewer: of the frames tracked so far, then as they come.",
             )  # fmt: skip
-        self._show_size()
+        self.show(self.progress)
 
     def _add_range(self, session: SessionSnapshot, last: int) -> None:
         """Offer parts of a recording."""
@@ -127,31 +126,26 @@ class TrackingPanel:
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Offer what the frames that are tracked allow."""
-        if self.session is None:
-            return
         self.strip = strip
         self._show_refine()
         self.show_frame()
 
     def _show_refine(self) -> None:
         """Offer it where frames are tracked."""
-        assert self.session is not None
         tracked = int((self.strip.status >= 0).sum()) > 1
         idle = self.progress.state == "idle"
         put(self.refine, visible=tracked and idle and not self.session.live)
 
     def show_frame(self) -> None:
         """Offer to track between the kept frames around the frame shown."""
-        if self.session is None:
-            return
         ends = frozen_ends(self.strip, self.page.state.frame)
         if ends is not None:
             put(self.between, label=f"Track between {ends[0]} and {ends[1]}")
         put(self.between, visible=ends is not None and self.progress.state == "idle")
 
-    def show_rerun(self, url: str) -> None:
+    def show_rerun(self, rerun: RerunPage) -> None:
         """Show where the residuals of what is tracked can be seen."""
-        words = f"[Residuals of every camera, in rerun]({url})"
+        words = f"[Residuals of every camera, in rerun]({rerun.url})"
         if self.rerun is not None:
             self.rerun.content = words
             return
@@ -184,7 +178,6 @@ class TrackingPanel:
     def _show_size(self) -> None:
         """Offer to put the size's fit off while it is to be done, and the size that was fitted so."""
         session, busy = self.session, self.progress.state != "idle"
-        assert session is not None
         put(self.later, visible=session.size_pending and not busy)
         put(self.later, value=session.settings.get(_SIZE) == "later")
         offered = session.offered_size
@@ -194,17 +187,14 @@ class TrackingPanel:
             put(self.sized, content=size_words(session.size, offered, session.offered_words))
 
     def _put_off(self, on: bool) -> None:
-        words = self.page.words.of(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
+        words = self.page.say(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
         self.page.engine.set_setting(_SIZE, "later" if on else "true", words)
 
     def _again(self, where: str) -> None:
-        if self.session is not None:
-            from_here = where == _AGAIN[1]
-            self.page.play(False)
-            self.page.engine.take_size(
-                self.page.state.frame if from_here else self.session.first_frame
-            )
-            self._follow(True)
+        from_here = where == _AGAIN[1]
+        self.page.play(False)
+        self.page.engine.take_size(self.page.state.frame if from_here else self.session.first_frame)
+        self._follow(True)
 
     def _name_range(self) -> None:
         """The slider itself shows no numbers: they stand in its label."""
@@ -215,8 +205,6 @@ class TrackingPanel:
     def order(self, which: str) -> Order | None:
         """Return what a button tracks."""
         session, frame = self.session, self.page.state.frame
-        if session is None:
-            return None
         if which == "all":
             return Order(session.start, session.stop, session.first_frame, anew=True)
         if which == "between":
@@ -235,8 +223,6 @@ class TrackingPanel:
 
     def show(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing; only what can be pressed now is there."""
-        if self.session is None:
-            return
         self.progress = progress
         busy = progress.state in ("tracking", "paused", "preparing")
         self.pause.visible = self.cancel.visible = busy
@@ -309,14 +295,9 @@ class LivePanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    built: bool = False
     recording: bool = False
 
-    def fit(self, session: SessionSnapshot) -> None:
-        """Build the panel once, for a live session."""
-        if self.built or not session.live:
-            return
-        self.built = True
+    def __post_init__(self) -> None:
         gui = self.page.gui
         with self.tab:
             self.record = self.page.button(
@@ -327,8 +308,6 @@ class LivePanel:
 
     def show(self, live: LiveSnapshot) -> None:
         """Show the counts, and whether something is recorded."""
-        if not self.built:
-            return
         if self.recording != bool(live.recording):
             self.recording = bool(live.recording)
             icon = viser.Icon.PLAYER_STOP if self.recording else viser.Icon.PLAYER_RECORD

@@ -6,7 +6,7 @@ import html
 import json
 import threading
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import InitVar, asdict, dataclass, field, replace
 from functools import partial
 
 import viser
@@ -57,30 +57,15 @@ _PAINT_WORDS = {
 
 @dataclass
 class SessionPanel:
-    """The head of the main panel and its View tab."""
+    """The View tab."""
 
     page: Page
     tab: viser.GuiTabHandle
     stage: Stage
-    others: viser.GuiButtonHandle = field(init=False)
-    """leads to the start page"""
-    built: bool = False
+    room: Room
+    session: InitVar[SessionSnapshot]
 
-    def __post_init__(self) -> None:
-        with self.tab:
-            self.others = self.page.gui.add_button(
-                "Other recordings …", icon=viser.Icon.FOLDERS, color="gray", order=1e6,
-                hint="Leaves this one; all that was done is kept.",
-            )  # fmt: skip
-            self.room = Room(
-                self.page
-            )  # a page that comes while the session opens has its taste at once
-
-    def fit(self, session: SessionSnapshot) -> None:
-        """Build the tab once for a session's cameras."""
-        if self.built:
-            return
-        self.built = True
+    def __post_init__(self, session: SessionSnapshot) -> None:
         page, gui, display = self.page, self.page.gui, self.page.state.display
         cameras = tuple(card.name for card in session.cameras)
         with self.tab:
@@ -97,14 +82,14 @@ class SessionPanel:
                     "Camera view",
                     (FREE, *cameras, TOGETHER),
                     initial_value=FREE,
-                    hint=self.page.words.of(
+                    hint=self.page.say(
                         "See the {kind} over a camera's image, or all cameras' images of the {kind} side by side."
                     ),
                 )
                 ZoomKeys(page, self.stage.looking)
                 self.paint = gui.add_dropdown(
                     "Overlay", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
-                    hint=page.words.of(_PAINT_HINT),
+                    hint=page.say(_PAINT_HINT),
                 )  # fmt: skip
                 self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
                 self._toggle(
@@ -120,7 +105,12 @@ class SessionPanel:
                 if session.has_truth:
                     self._toggle("Ground truth", "truth", "True joints, white.")
             self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
-            self._look_by_keys(cameras)
+            page.button(
+                "Light or dark", self.room.turn_light, "sun-moon", "Of this page. Light is for print and projectors.",
+                by_page=True,
+            )  # fmt: skip
+            leave_button(page)
+        self._look_by_keys(cameras)
         page.own(self.through, self._look)
         page.own(self.paint, self._paint)
         page.own(
@@ -141,8 +131,6 @@ class SessionPanel:
 
     def show_pictures(self, made: PictureSnapshot) -> None:
         """Show what the cameras see, side by side."""
-        if not self.built:
-            return
         wanted = self.page.state.display.images
         if wanted and made.thumbnails:
             named = {
@@ -184,6 +172,12 @@ class SessionPanel:
         """Go from a camera's view to the free one."""
         if self.page.state.look(client.client_id).through is not None:
             self._show_look(None, client)
+
+
+def leave_button(page: Page) -> viser.GuiButtonHandle:
+    """Add the button that leads to the start page."""
+    hint = "Leaves this one; all that was done is kept."
+    return page.button("Other recordings …", page.leave, "folders", hint)
 
 
 def _word_of(words: dict[str, str], value: str) -> str:
@@ -241,7 +235,6 @@ if (!localStorage.getItem(key)) localStorage.setItem(key, JSON.stringify({
   folded: false, colours: matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"}));
 """
 """a browser that remembers nothing takes the system's colours"""
-_COLOURS: tuple[str, ...] = (DARK, LIGHT)
 
 
 @dataclass(frozen=True)
@@ -279,15 +272,9 @@ class Room:
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
     def __post_init__(self) -> None:
-        """Add the widgets where the page builds now, and the keys."""
-        gui = self.page.gui
-        with gui.add_folder("This page", expand_by_default=False, order=1e5):
-            self.colours = gui.add_dropdown(
-                "Colours", _COLOURS, initial_value=DARK, hint="Light is for print and projectors."
-            )  # fmt: skip
-        self.page.own(self.colours, lambda client, chosen: self.change(client, colours=chosen))
+        """Add the keys."""
         self.page.key("Hide or show the panel", "T", self.fold, by_page=True)
-        self.page.key("Light or dark", None, self._other_colours, by_page=True)
+        self.page.key("Light or dark", None, self.turn_light, by_page=True)
 
     def welcome(self, client: viser.ClientHandle) -> None:
         """Lay a page out as its browser remembers; else in the system's colours."""
@@ -311,7 +298,8 @@ class Room:
         self._apply(client, taste)
         client.local_storage.set_item(KEPT_AS, json.dumps(asdict(taste)))
 
-    def _other_colours(self, client: viser.ClientHandle) -> None:
+    def turn_light(self, client: viser.ClientHandle) -> None:
+        """Change between light and dark."""
         now = self.tastes.get(client.client_id, Taste()).colours
         self.change(client, colours=LIGHT if now == DARK else DARK)
 
@@ -325,7 +313,6 @@ class Room:
                 internals.fold_panel(client, gui, gui.main_panel, taste.folded)
             if taste.colours != before.colours:
                 colours(client.gui, taste.colours)
-                internals.show_value(client, self.colours, taste.colours)
 
 
 # ---- What a user does with a view through a camera: keys and buttons; and a line that says how the picture is seen
@@ -345,7 +332,7 @@ class ZoomKeys:
 
     def __post_init__(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
-        views, say = self.looking.views, self.page.words.of
+        views, say = self.looking.views, self.page.say
         views.changed = self._say
         acts: dict[str, Callable[[viser.ClientHandle], None]] = {
             say("{Kind}"): views.to_hand,
@@ -373,7 +360,7 @@ class ZoomKeys:
         self._lines = self.page.present(self._lines)
         if line is None:
             line = self._lines[client.client_id] = client.gui.add_html("", order=0.5)
-        put(line, content=self.page.words.of(view_words(view)))
+        put(line, content=self.page.say(view_words(view)))
 
 
 def view_words(view: Through) -> str:

@@ -16,6 +16,7 @@ import viser
 import viser.transforms as vtf
 
 from handtrack.arrays import D3, D6, Floats
+from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix, rotation_vector
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page, put
@@ -25,7 +26,6 @@ from handtrack_app.protocol.palette import CONTRADICTED, PIN
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     HAND_REACH_M,
-    CameraCard,
     Hold,
     PoseSnapshot,
     SessionSnapshot,
@@ -50,7 +50,7 @@ class _Drag:
 
     tag: str
     held: Hold | WholeDrag
-    card: CameraCard | None
+    card: Camera | None
     """that it looks through; None: freely"""
     start: Floats[D3]
     """world [m]"""
@@ -61,11 +61,12 @@ class _Drag:
 class Grips:
     """Each page that looks through a camera has grips of its own, which follow the hand that is drawn for all."""
 
-    def __init__(self, page: Page, card_of: Callable[[int | None], CameraCard | None]) -> None:
+    def __init__(
+        self, page: Page, card_of: Callable[[int | None], Camera | None], session: SessionSnapshot, pose: PoseSnapshot
+    ) -> None:  # fmt: skip
         """card_of: the camera that a client looks through."""
         self._page, self._card_of = page, card_of
-        self._session: SessionSnapshot | None = None
-        self._pose: PoseSnapshot | None = None
+        self._session, self._pose = session, pose
         self._grips: dict[int, viser.BatchedMeshHandle] = {}
         self._drags: dict[int, _Drag] = {}
         self._count = 0
@@ -85,8 +86,7 @@ class Grips:
     def fit(self, session: SessionSnapshot) -> None:
         """Take the model of a session."""
         before, self._session = self._session, session
-        if before is not None and before.model != session.model:
-            self._pose = None
+        if before.model != session.model:
             with self._lock:
                 self._let_go(list(self._grips))
 
@@ -97,8 +97,7 @@ class Grips:
             not self._page.state.playing
         ):  # nobody takes hold of a hand that runs; at the end all is drawn anew
             self.place()
-        if self._session is not None:
-            self._marks.show(self._session, pose)
+        self._marks.show(self._session, pose)
 
     def place(self) -> None:
         """Stand grips where the hand is, for those who look through a camera; for nobody else."""
@@ -112,7 +111,7 @@ class Grips:
         self._offer()
         for number in looking ^ self._aside if self._is_offered else ():
             self._stand_aside(number, aside=number in looking)
-        if pose is None or self._session is None or len(pose.centre) != len(self._session.radii):
+        if len(pose.centre) != len(self._session.radii):
             return
         for number in looking:
             grip = self._grips.get(number)
@@ -171,7 +170,7 @@ class Grips:
         @grip.on_click
         def _(event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:
             index = -1 if event.instance_index is None else event.instance_index
-            if self._session is not None and 0 <= index < len(self._session.ellipsoid_bone):
+            if 0 <= index < len(self._session.ellipsoid_bone):
                 bone = int(self._session.ellipsoid_bone[index])
                 self.clicked(self._session.bone_names[bone])
 
@@ -206,7 +205,7 @@ class Grips:
         """Return what is taken hold of; None where nothing can be: nobody drags what is only looked at."""
         session, pose, number = self._session, self._pose, event.client.client_id
         start = np.asarray(event.start_position, dtype=float)
-        if session is None or pose is None or pose.origin == BEFORE or not np.isfinite(start).all():
+        if pose.origin == BEFORE or not np.isfinite(start).all():
             return None
         self._count += 1
         tag, card = f"drag {number}.{self._count}", self._card_of(number)
@@ -263,14 +262,13 @@ def place_of(hold: Hold, session: SessionSnapshot, pose: PoseSnapshot) -> Floats
     return pose.bone_position[bone] + pose.bone_rotation[bone] @ np.array(hold.point)
 
 
-def view_card(camera: viser.CameraHandle) -> CameraCard:
+def view_card(camera: viser.CameraHandle) -> Camera:
     """Return a free view as a camera whose image is the window."""
     width, height = max(camera.image_width, 1), max(camera.image_height, 1)
     focal = 0.5 * height / np.tan(0.5 * float(camera.fov))
     matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
-    turn = vtf.SO3(np.asarray(camera.wxyz, dtype=float)).as_matrix()
-    centre = np.asarray(camera.position, dtype=float)
-    return CameraCard("", (width, height), matrix, turn, centre)
+    turn = vtf.SO3(np.asarray(camera.wxyz, dtype=float)).as_matrix().T
+    return Camera("", (width, height), matrix, np.zeros(5), turn, -turn @ np.array(camera.position))
 
 
 def near_joint_m(session: SessionSnapshot) -> float:
@@ -289,7 +287,7 @@ def ellipsoid_at(session: SessionSnapshot, pose: PoseSnapshot, at: Floats[D3]) -
 def hold_at(
     session: SessionSnapshot,
     pose: PoseSnapshot,
-    card: CameraCard,
+    card: Camera,
     ellipsoid: int,
     at: Floats[D3],
 ) -> Hold | None:
@@ -300,8 +298,7 @@ def hold_at(
     pixel = ray_pixel(card, way)
     if pixel is None:
         return None
-    away = float(way @ card.rotation[:, 2])
-    near = near_joint_m(session) * float(card.matrix[0, 0]) / max(away, LEAST_AWAY_M)
+    near = near_joint_m(session) * float(card.pixels_per_m(card.to_camera(at)[2]))
     joint = _nearest_joint(session, pose, card, pixel, at, near)
     if joint is not None:
         return Hold(joint=joint)
@@ -315,7 +312,7 @@ def hold_at(
 def _nearest_joint(
     session: SessionSnapshot,
     pose: PoseSnapshot,
-    card: CameraCard,
+    card: Camera,
     pixel: Pixel,
     at: Floats[D3],
     near_px: float,
@@ -333,7 +330,7 @@ def _nearest_joint(
 
 
 def _on_ellipsoid(
-    session: SessionSnapshot, pose: PoseSnapshot, card: CameraCard, ellipsoid: int, at: Floats[D3]
+    session: SessionSnapshot, pose: PoseSnapshot, card: Camera, ellipsoid: int, at: Floats[D3]
 ) -> Floats[D3]:
     """Return where the ray through a point first meets an ellipsoid; the nearest point of the ray to its centre where it misses."""
     radii, turn = session.radii[ellipsoid], pose.rotation[ellipsoid]
@@ -377,7 +374,7 @@ _NEAR_AXIS_M = 0.004
 class WholeDrag:
     """A drag of the whole hand in a camera's picture, from where it began."""
 
-    card: CameraCard
+    card: Camera
     root: Floats[D6]
     """[m, rad]"""
     middle: Floats[D3]
@@ -412,9 +409,8 @@ class WholeDrag:
 
     def _as_deep(self, point: Floats[D3], other: Floats[D3]) -> Floats[D3] | None:
         """Return what the camera sees where it sees a point, as deep in its picture as another."""
-        ahead, way = self.card.rotation[:, 2], point - self.card.centre
-        depth = float((other - self.card.centre) @ ahead)
-        along = float(way @ ahead)
+        way = point - self.card.centre
+        along, depth = self.card.to_camera(np.stack([point, other]))[:, 2]
         if depth <= 0 or along <= 1e-9 * float(np.linalg.norm(way)):
             return None
         return self.card.centre + way * (depth / along)

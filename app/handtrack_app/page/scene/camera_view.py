@@ -11,12 +11,13 @@ import viser
 import viser.transforms as vtf
 
 from handtrack.arrays import D3, Bytes, Floats, H, N, W
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import Display, put
 from handtrack_app.page.scene.viewpoint import frustum_depth, frustum_scale
 from handtrack_app.page.scene.zoom import Eye, ray_pixel
 from handtrack_app.protocol.palette import residual_colours
 from handtrack_app.protocol.snapshots import (
-    CameraCard,
     CloudSnapshot,
     PoseSnapshot,
     ScoreSnapshot,
@@ -28,7 +29,7 @@ from handtrack_app.protocol.snapshots import (
 class CameraRigView:
     """Handles of the cameras."""
 
-    cards: dict[str, CameraCard]
+    cards: dict[str, Camera]
     frusta: dict[str, viser.CameraFrustumHandle]
     labels: dict[str, viser.LabelHandle]
     frame: int | None = None
@@ -47,7 +48,7 @@ def add_cameras(
         frusta[card.name] = server.scene.add_camera_frustum(
             f"{name}/{card.name}", fov=float(fov), aspect=width / height, thickness=1.5, thickness_units="screen",
             color=(150, 158, 168), image=np.full((60, 80, 3), 40, np.uint8), format="jpeg",
-            wxyz=vtf.SO3.from_matrix(card.rotation).wxyz, position=card.centre, cast_shadow=False, receive_shadow=False,
+            wxyz=quaternion_wxyz(card.rotation.T), position=card.centre, cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
         labels[card.name] = server.scene.add_label(f"{name}/{card.name}/label", card.name)
     view = CameraRigView({card.name: card for card in session.cameras}, frusta, labels)
@@ -60,7 +61,7 @@ def move_cameras(view: CameraRigView, session: SessionSnapshot) -> None:
     for card in session.cameras:
         view.cards[card.name], frustum = card, view.frusta[card.name]
         frustum.fov = float(2 * np.arctan(card.size[1] / 2 / card.matrix[1, 1]))
-        frustum.wxyz, frustum.position = vtf.SO3.from_matrix(card.rotation).wxyz, card.centre
+        frustum.wxyz, frustum.position = quaternion_wxyz(card.rotation.T), card.centre
 
 
 def size_cameras(view: CameraRigView, hand: Floats[D3]) -> None:
@@ -104,7 +105,7 @@ def bare(display: Display) -> Display:
 
 def pixel_box(
     client_camera: viser.CameraHandle,
-    card: CameraCard,
+    card: Camera,
     corners: tuple[tuple[float, float], tuple[float, float]],
 ) -> tuple[int, int, int, int] | None:
     """Return x, y, w, h [px] in a camera's undistorted image of a rectangle dragged over a view from its centre.

@@ -15,6 +15,8 @@ import viser
 import viser.transforms as vtf
 
 from handtrack.arrays import D3, Bytes, Floats, H, N, W
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import picture as as_html
 from handtrack_app.page.html import pictures
@@ -31,12 +33,10 @@ from handtrack_app.page.scene.zoom import (
     box_of,
     enlarged,
     eye,
-    pixel_ray,
     ray_pixel,
     whole,
     with_pixel_at,
 )
-from handtrack_app.protocol.snapshots import CameraCard
 
 _BEHIND = 0.16  # [m] from the hand to the screen: a flat hand cannot touch it
 _IN_THE_WAY = ("/cameras", "/ground")
@@ -63,10 +63,10 @@ class Screen:
 class Looking:
     """The pages' looks and screens; asked by the threads of viser and by the view thread."""
 
-    def __init__(self, page: Page, names: CameraNames) -> None:
-        self._page = page
+    def __init__(self, page: Page, names: CameraNames, cards: dict[str, Camera]) -> None:
+        """cards: the session's cameras, as they are now."""
+        self._page, self._cards = page, cards
         self.views, self.close_ups = Views(page), CloseUps(page, names)
-        self._cards: dict[str, CameraCard] = {}
         self._screens: dict[int, Screen] = {}
         self._lock = threading.RLock()  # each page has one screen, whichever thread redraws
         self._heard_image: viser.ImageHandle | None = None
@@ -75,10 +75,6 @@ class Looking:
         self.heard: int | None = None
         """the client whose drags over an image are listened to"""
 
-    def fit(self, cards: dict[str, CameraCard]) -> None:
-        """Take the cameras of a session."""
-        self._cards = cards
-
     @property
     def anyone(self) -> bool:
         """Whether a page looks through a camera."""
@@ -86,7 +82,7 @@ class Looking:
         here = self._page.server.get_clients()
         return any(state.look(client).through in self._cards for client in here)
 
-    def card(self, client: int | None) -> CameraCard | None:
+    def card(self, client: int | None) -> Camera | None:
         """Return the camera that a page looks through."""
         return self._cards.get(self._page.state.look(client).through or "")
 
@@ -231,15 +227,11 @@ def _picture(look: Look, field_camera: str | None) -> Picture | None:
     return None if camera is None else (camera, paint)
 
 
-def _pixel(card: CameraCard, depth: float, eye: Floats[D3], through: Floats[D3]) -> Pixel | None:
+def _pixel(card: Camera, depth: float, eye: Floats[D3], through: Floats[D3]) -> Pixel | None:
     """Return where a ray from `eye` through a point (both world [m]) meets a camera's image at `depth` [m]."""
-    ahead = card.rotation[:, 2]
-    along = float((through - eye) @ ahead)
-    share = (depth - float((eye - card.centre) @ ahead)) / along if abs(along) > 1e-9 else -1.0
-    if share <= 0:
-        return None
-    seen = card.matrix @ (card.rotation.T @ (eye + share * (through - eye) - card.centre))
-    return float(seen[0] / seen[2]), float(seen[1] / seen[2])
+    near, far = card.to_camera(np.stack([eye, through]))[:, 2]
+    share = (depth - near) / (far - near) if abs(far - near) > 1e-9 else -1.0
+    return None if share <= 0 else ray_pixel(card, eye + share * (through - eye) - card.centre)
 
 
 def _add_screen(client: viser.ClientHandle) -> viser.ImageHandle:
@@ -250,9 +242,9 @@ def _add_screen(client: viser.ClientHandle) -> viser.ImageHandle:
     )  # fmt: skip
 
 
-def _place(screen: Screen, card: CameraCard, hand: Floats[D3], larger: float) -> None:
+def _place(screen: Screen, card: Camera, hand: Floats[D3], larger: float) -> None:
     """Stand a screen behind the hand as the camera sees it."""
-    away = float((hand - card.centre) @ card.rotation[:, 2])
+    away = float(card.to_camera(hand)[2])
     depth = max(away, 0.1) + larger * _BEHIND
     kept = screen.depth.get(card.name)
     if kept is not None and kept - 0.10 * larger > away > kept - 0.24 * larger:
@@ -260,17 +252,17 @@ def _place(screen: Screen, card: CameraCard, hand: Floats[D3], larger: float) ->
     screen.depth[card.name] = depth
     image = screen.image
     image.render_width, image.render_height, image.position = plane_of(card, depth)
-    image.wxyz = vtf.SO3.from_matrix(card.rotation).wxyz
+    image.wxyz = quaternion_wxyz(card.rotation.T)
 
 
-def plane_of(card: CameraCard, depth: float) -> tuple[float, float, Floats[D3]]:
+def plane_of(card: Camera, depth: float) -> tuple[float, float, Floats[D3]]:
     """Return width and height [m] and middle (world [m]) of what a camera's image covers at a depth [m]: exact for a pinhole."""
     (width, height), matrix = card.size, card.matrix
     fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
     middle = np.array(
         [(width / 2 - cx - 0.5) * depth / fx, (height / 2 - cy - 0.5) * depth / fy, depth]
     )
-    return depth * width / fx, depth * height / fy, card.centre + card.rotation @ middle
+    return depth * width / fx, depth * height / fy, card.centre + middle @ card.rotation
 
 
 # ---- How each page looks through a camera: it stands in the camera's centre; the wheel enlarges, a drag of the
@@ -307,7 +299,7 @@ class _Told:
 class Through:
     """How one page looks through a camera."""
 
-    card: CameraCard
+    card: Camera
     zoom: Zoom
     aspect: float
     follows: bool = True
@@ -341,7 +333,7 @@ class Views:
         """Return how a page looks through a camera; None: it looks freely."""
         return None if client is None else self._through.get(client)
 
-    def enter(self, client: viser.ClientHandle, card: CameraCard) -> None:
+    def enter(self, client: viser.ClientHandle, card: Camera) -> None:
         """Let a page look through a camera, at the hand if there is one."""
         with self._lock:
             self._listen(client)
@@ -498,7 +490,7 @@ class Views:
         looks = through.eye
         for corner in ((x, y), (x + width, y + height)):
             inside = np.clip(corner, 0.0, np.array(through.card.size) - 1.0)
-            place = looks.place(pixel_ray(through.card, (float(inside[0]), float(inside[1]))))
+            place = looks.place(through.card.rays(inside))
             if place is None or not all(_INSIDE <= share <= 1 - _INSIDE for share in place):
                 return False
         return 0.5 < through.zoom.times / wanted.times < 2.0

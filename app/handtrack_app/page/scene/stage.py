@@ -9,6 +9,7 @@ import numpy as np
 import viser
 
 from handtrack.arrays import Floats
+from handtrack.geometry.camera import Camera
 from handtrack_app.page.page import Display, Page, put
 from handtrack_app.page.pins.grips import Grips
 from handtrack_app.page.scene.camera_view import (
@@ -49,7 +50,6 @@ from handtrack_app.page.scene.model_view import (
     update_truth,
 )
 from handtrack_app.page.scene.viewpoint import (
-    Viewpoint,
     begin_at,
     first_view,
     hand_view,
@@ -59,8 +59,6 @@ from handtrack_app.page.scene.viewpoint import (
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     HAND_REACH_M,
-    CameraCard,
-    CloudCard,
     CloudSelection,
     CloudSnapshot,
     GuessesSnapshot,
@@ -76,16 +74,11 @@ from handtrack_app.protocol.snapshots import (
 class Stage:
     """Owns the scene's handles."""
 
-    def __init__(self, page: Page) -> None:
-        self.page = page
-        self.session: SessionSnapshot | None = None
-        self.hand: HandView | None = None
-        self.cameras: CameraRigView | None = None
-        self.root: RootHandle | None = None
-        self.view: Viewpoint | None = None
-        self.pose: PoseSnapshot | None = None
-        self.cloud: CloudView = add_cloud(page.server, "/cloud")
-        self.surface: viser.MeshHandle = add_surface(page.server, "/surface")
+    def __init__(self, page: Page, session: SessionSnapshot, pose: PoseSnapshot) -> None:
+        self.page, self.session, self.pose = page, session, pose
+        server = page.server
+        self.cloud: CloudView = add_cloud(server, "/cloud")
+        self.surface: viser.MeshHandle = add_surface(server, "/surface")
         self._surface_at: tuple[int, int, str] | None = None
         self.moments = Moments()
         self._marking = False
@@ -95,53 +88,48 @@ class Stage:
         self.take_guess: Callable[[int], None] = lambda rank: None
         self.stopped_painting: Callable[[], None] = lambda: None
         self.names = CameraNames()
-        self.looking = Looking(page, self.names)
-        self.grips = Grips(page, self._grasped)
+        self.cameras: CameraRigView = add_cameras(server, "/cameras", session, pose.middle)
+        self.hand: HandView = add_hand(server, "/hand", session)
+        self.root: RootHandle = add_root_handle(server, "/root", page.edit_pose, self._larger)
+        self.looking = Looking(page, self.names, self.cameras.cards)
+        self.grips = Grips(page, self._grasped, session, pose)
+        self.grips.offer((*self.hand.nodes, self.surface))
         self.ghosts = Ghosts(
-            page.server,
+            server,
             "/ghosts",
             lambda n: self.take_guess(n),  # noqa: PLW0108 - it is set later
         )
-        light(page.server)
+        light(server)
+        add_surroundings(server, pose.middle, upward(session), session.reach_m)
+        begin_at(server, first_view(session, pose.middle))
 
     def fit(self, session: SessionSnapshot) -> None:
-        """Build the scene of a session; only the hand is rebuilt when its model changes."""
-        before = self.session
-        self.session = session
-        if self.cameras is None:
-            self.cameras = add_cameras(self.page.server, "/cameras", session, session.scene_centre)
-            self.looking.fit(self.cameras.cards)
-            self.root = add_root_handle(
-                self.page.server, "/root", self.page.edit_pose, self._larger
-            )
-        else:
-            move_cameras(self.cameras, session)
-        known = before is not None and before.bone_names == session.bone_names
-        if before is None or not known or before.model != session.model:
-            if self.hand is not None:
-                remove_hand(self.hand)
+        """Fit the scene to what changed of the session; the hand is rebuilt when its model changes."""
+        before, self.session = self.session, session
+        move_cameras(self.cameras, session)
+        if (before.bone_names, before.model) != (session.bone_names, session.model):
+            remove_hand(self.hand)
             self.hand = add_hand(self.page.server, "/hand", session)
             self.grips.offer((*self.hand.nodes, self.surface))
         self.grips.fit(session)
+        if not session.clouds.source:
+            self.cloud.cloud = None
+        self.page.redraw()
 
     # ---- options
 
     def apply(self) -> None:
         """Show and hide as the display options say."""
         display = self.display
-        if self.hand is None or self.cameras is None or self.root is None:
-            return
         with self.page.server.atomic():
-            if self.pose is not None:
-                show_cloud(self.cloud, display, self.moments, recolour=True)
-                self.ghosts.show(display.ghosts, self.pose.frame)
+            show_cloud(self.cloud, display, self.moments, recolour=True)
+            self.ghosts.show(display.ghosts, self.pose.frame)
             self._show_flesh()
             show_cameras(self.cameras, display)
             self._show_handle()
-            if self.pose is not None:
-                update_truth(self.hand, self.pose, display)
-                self.looking.place(self.field_camera(), self.pose.middle, self._larger)
-                self.grips.place()
+            update_truth(self.hand, self.pose, display)
+            self.looking.place(self.field_camera(), self.pose.middle, self._larger)
+            self.grips.place()
 
     @property
     def display(self) -> Display:
@@ -151,14 +139,12 @@ class Stage:
 
     def _show_flesh(self) -> None:
         """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
-        display = self.display
-        assert self.hand is not None
-        pose, state = self.pose, self.page.state
+        display, pose, state = self.display, self.pose, self.page.state
         still = not (state.playing or state.tracking)
-        made_of = None if pose is None else (pose.frame, pose.version, self._model)
-        ready = still and display.surface and made_of is not None and self._surface_at == made_of
+        made_of = pose.frame, pose.version, self.session.model
+        ready = still and display.surface and self._surface_at == made_of
         show_hand(self.hand, display, ready)
-        if pose is not None and self._fits(pose):
+        if self._fits(pose):
             update_hand(self.hand, pose, display)
         put(self.surface, visible=ready)
         self._show_opacity()
@@ -166,7 +152,6 @@ class Stage:
     def _show_opacity(self) -> None:
         """Let what stands in the hand, and behind it, be seen through it."""
         display = self.display
-        assert self.hand is not None
         points = self.cloud.points.visible and display.cloud_colour == "residual"
         inside = points or self.ghosts.bones.visible
         opacity = flesh_opacity(display, inside, self.looking.anyone)
@@ -176,15 +161,11 @@ class Stage:
     @property
     def _larger(self) -> float:
         """How many times larger than a hand the model is: what is drawn around it grows alike."""
-        return 1.0 if self.session is None else self.session.reach_m / HAND_REACH_M
-
-    @property
-    def _model(self) -> str:
-        return "" if self.session is None else self.session.model
+        return self.session.reach_m / HAND_REACH_M
 
     def field_camera(self) -> str | None:
         """Return the camera whose field stands behind the hand of who looks freely, if fields are shown: the first."""
-        if self.display.field and self.session is not None and self.session.cameras:
+        if self.display.field and self.session.cameras:
             return self.session.cameras[0].name
         return None
 
@@ -203,7 +184,7 @@ class Stage:
             "want_masks": (display.masks,),
         }
 
-    def _grasped(self, client: int | None) -> CameraCard | None:
+    def _grasped(self, client: int | None) -> Camera | None:
         """Return the camera through which a page can take hold of the hand: not while its image is painted or marked."""
         return None if self._marking else self.looking.card(client)
 
@@ -212,12 +193,9 @@ class Stage:
     def show_pose(self, pose: PoseSnapshot, move_handle: bool) -> None:
         """Move the hand."""
         display = self.display
-        session = self.session
-        if self.hand is None or self.cameras is None or self.root is None:
+        if not self._fits(pose):
             return
-        if not self._fits(pose) or session is None:
-            return
-        first, self.pose = self.pose is None, pose
+        self.pose = pose
         with self.page.server.atomic():
             self._show_flesh()
             self.moments.show(pose.frame)
@@ -228,12 +206,8 @@ class Stage:
             if move_handle:
                 self.root.show_at(pose.values[:6])
                 self._show_handle()
-        self.looking.views.show_hand(*hand_balls(session, pose))
-        if first:
-            self._set_first_view(session, pose)
-            self.apply()
-        else:
-            self.looking.place(self.field_camera(), pose.middle, self._larger)
+        self.looking.views.show_hand(*hand_balls(self.session, pose))
+        self.looking.place(self.field_camera(), pose.middle, self._larger)
         self.grips.show(pose)
         self.names.pose = pose
         self._name_cameras()
@@ -244,29 +218,22 @@ class Stage:
         self._name_cameras()
 
     def _name_cameras(self) -> None:
-        if self.cameras is not None:
-            self.names.write(self.cameras.labels)
-            self.looking.close_ups.draw()
+        self.names.write(self.cameras.labels)
+        self.looking.close_ups.draw()
 
     def _fits(self, pose: PoseSnapshot) -> bool:
         """Whether a pose is of the model that stands in the scene, and not of the one before."""
-        session = self.session
-        return (
-            session is not None
-            and len(pose.centre) == len(session.radii)
-            and len(pose.bone_position) == len(session.bone_names)
-        )
+        wanted = len(self.session.radii), len(self.session.bone_names)
+        return (len(pose.centre), len(pose.bone_position)) == wanted
 
     def _show_handle(self) -> None:
         """Show the handle of the whole hand, but at a pose that is only looked at."""
-        pose = self.pose
-        if self.root is not None:
-            here = pose is not None and pose.origin != BEFORE
-            put(self.root.control, visible=self.display.handle and here)
+        shown = self.display.handle and self.pose.origin != BEFORE
+        put(self.root.control, visible=shown)
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show the cameras' pictures."""
-        if self.cameras is None or not self.moments.fits(pictures.frame):
+        if not self.moments.fits(pictures.frame):
             return
         if not self.page.state.display.masks and pictures.thumbnails:
             update_thumbnails(self.cameras, pictures.thumbnails, pictures.frame)
@@ -276,41 +243,36 @@ class Stage:
         """Show the cameras' masks."""
         if not self.moments.fits(masks.frame):
             return
-        if self.cameras is not None and self.page.state.display.images:
+        if self.page.state.display.images:
             update_thumbnails(self.cameras, masks.small, masks.frame)
         self.looking.show(masks.screens, masks.frame)
 
     def clear_late(self) -> None:
         """Show nothing any more that is of a frame that was shown too long ago. Called now and then."""
         self.looking.clear_late(self.moments)
-        if self.cameras is not None:
-            clear_late(self.cameras, self.moments)
-        if self.pose is not None:
-            show_cloud(self.cloud, self.display, self.moments)
+        clear_late(self.cameras, self.moments)
+        show_cloud(self.cloud, self.display, self.moments)
 
     def show_surface(self, surface: SurfaceSnapshot) -> None:
         """Show the solver's surface, if it is that of the frame shown."""
-        if self.hand is None or self.pose is None or surface.frame != self.pose.frame:
+        if surface.frame != self.pose.frame:
             return
         with self.page.server.atomic():
             update_surface(self.surface, surface)
-            self._surface_at = (surface.frame, surface.version, self._model)
+            self._surface_at = surface.frame, surface.version, self.session.model
             self._show_flesh()
 
     def show_guesses(self, guesses: GuessesSnapshot) -> None:
         """Draw the poses that a frame may have."""
         with self.page.server.atomic():
             self.ghosts.update(guesses)
-            if self.pose is not None:
-                self.ghosts.show(self.display.ghosts, self.pose.frame)
-                self._show_flesh()
+            self.ghosts.show(self.display.ghosts, self.pose.frame)
+            self._show_flesh()
         if guesses.is_new:
             self._turn_to(np.median(guesses.position[guesses.owner == 0], axis=0))
 
     def _turn_to(self, hand: Floats) -> None:
         """Look at a hand that was found somewhere (3,) [m]."""
-        if self.session is None or self.cameras is None:
-            return
         size_cameras(self.cameras, hand)
         for number, client in self.page.server.get_clients().items():
             if self.looking.card(number) is None:
@@ -320,25 +282,10 @@ class Stage:
         """Show a frame's cloud."""
         with self.page.server.atomic():
             update_cloud(self.cloud, cloud, self.display)
-            if self.pose is not None:
-                show_cloud(self.cloud, self.display, self.moments)
-                self._show_flesh()
-
-    def fit_cloud(self, card: CloudCard) -> None:
-        """Show no cloud any more where there is none."""
-        if not card.source and self.cloud.cloud is not None:
-            self.cloud.cloud = None
-            self.apply()
+            show_cloud(self.cloud, self.display, self.moments)
+            self._show_flesh()
 
     # ---- views
-
-    def _set_first_view(self, session: SessionSnapshot, pose: PoseSnapshot) -> None:
-        assert self.cameras is not None
-        size_cameras(self.cameras, pose.middle)
-        self.view = first_view(session, pose.middle)
-        server = self.page.server
-        add_surroundings(server, pose.middle, upward(session), session.reach_m)
-        begin_at(server, self.view)
 
     def look(
         self,
@@ -358,7 +305,7 @@ class Stage:
             self.looking.hush()
             self.stopped_painting()
         self.looking.set_through(client, camera)
-        if camera is None and self.session and self.pose is not None:
+        if camera is None:
             look_from(client, hand_view(self.session, self.pose.middle, everything))
         self.page.redraw()
 
@@ -366,7 +313,7 @@ class Stage:
         self, camera: str, client: viser.ClientHandle, task: str, pointed: Pointed
     ) -> None:
         """Look through a camera at its mask, and tell where its image is touched, until somebody looks elsewhere. task: in words."""
-        if self.cameras is None or camera not in self.cameras.cards:
+        if camera not in self.cameras.cards:
             return
         self.look(camera, client, marking=True)
         self.looking.set_paint(client.client_id, "mask")
@@ -382,7 +329,7 @@ class Stage:
         marked: Callable[[tuple[int, int, int, int]], None],
     ) -> None:
         """Look through a camera, and hand over the next rectangle dragged over its image. over: what it is to show, in words."""
-        if self.cameras is None or camera not in self.cameras.cards:
+        if camera not in self.cameras.cards:
             return
         self.look(camera, client, marking=True)
         card = self.cameras.cards[camera]

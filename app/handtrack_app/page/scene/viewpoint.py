@@ -9,8 +9,9 @@ import numpy as np
 import viser
 
 from handtrack.arrays import D3, D5, Floats
+from handtrack.geometry.camera import Camera
 from handtrack_app import viser_internals as internals
-from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
+from handtrack_app.protocol.snapshots import SessionSnapshot
 
 _LEAST = 0.35  # share of the picture's height that a hand reaches over at least if cameras are shown with it at first: bent, it fills two thirds of that
 _FOV = 0.65  # of a free view, from top to bottom [rad]
@@ -53,7 +54,7 @@ def hand_view(session: SessionSnapshot, hand: Floats[D3], everything: bool = Fal
         score = _size(view, hand, session.reach_m) - 0.04 * (abs(turn) + abs(raised - _RAISES[0]))
         for card, corners in zip(session.cameras, frusta, strict=True):
             score -= 0.5 * _hides(view, axes, corners, hand, session.reach_m)
-            score += 0.15 * min(float(-axes[2] @ card.rotation[:, 2]), 0.6) / len(frusta)
+            score += 0.15 * min(float(-axes[2] @ card.rotation[2]), 0.6) / len(frusta)
         tried.append((score, view))
     return max(tried, key=lambda one: one[0])[1]
 
@@ -79,13 +80,13 @@ def upward(session: SessionSnapshot) -> Floats[D3]:
     """Return the mean of the cameras' upward axes: worlds differ."""
     if not session.cameras:
         return np.array([0.0, 0.0, 1.0])
-    up = -np.mean([card.rotation[:, 1] for card in session.cameras], axis=0)
+    up = -np.mean([card.rotation[1] for card in session.cameras], axis=0)
     if np.linalg.norm(up) < 0.2:
-        up = -session.cameras[0].rotation[:, 1]
+        up = -session.cameras[0].rotation[1]
     return up / np.linalg.norm(up)
 
 
-def frustum_depth(card: CameraCard, hand: Floats[D3]) -> float:
+def frustum_depth(card: Camera, hand: Floats[D3]) -> float:
     """Return how deep a camera's frustum is drawn [m]: large enough to see its image, clear of the hand."""
     return float(np.clip(0.28 * np.linalg.norm(card.centre - hand), 0.05, 0.25))
 
@@ -97,13 +98,13 @@ def frustum_scale(size: tuple[int, int], down: float, depth: float) -> float:
     return float(depth * np.cbrt(down * down * size[0] / size[1] / 3))
 
 
-def frustum_corners(card: CameraCard, hand: Floats[D3]) -> Floats[D5, D3]:
+def frustum_corners(card: Camera, hand: Floats[D3]) -> Floats[D5, D3]:
     """Return the apex and the image's corners of a camera as it is drawn, world [m]."""
     (width, height), matrix = card.size, card.matrix
     deep = frustum_depth(card, hand)
     across, down = 0.5 * width / matrix[0, 0], 0.5 * height / matrix[1, 1]
     corners = [(0.0, 0.0, 0.0)] + [(x * across, y * down, 1.0) for x in (-1, 1) for y in (-1, 1)]
-    return card.centre + deep * np.array(corners) @ card.rotation.T
+    return card.centre + deep * np.array(corners) @ card.rotation
 
 
 def _corners() -> Floats:
@@ -125,7 +126,7 @@ def _axes(
     back = back - (back @ up) * up
     length = np.linalg.norm(back)
     if length < 0.05:  # they look straight down, or up
-        back = -session.cameras[0].rotation[:, 1] if session.cameras else np.array([1.0, 0, 0])
+        back = -session.cameras[0].rotation[1] if session.cameras else np.array([1.0, 0, 0])
         back = back - (back @ up) * up
         length = max(float(np.linalg.norm(back)), 1e-9)
     level = back / length

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handtrack.arrays import D3, Floats, N
-from handtrack_app.protocol.snapshots import CameraCard
+from handtrack.geometry.camera import Camera
 
 MOST = 12.0
 """times that a picture is enlarged at most"""
@@ -68,31 +68,23 @@ class Eye:
         return float(across + 1) / 2, float(down + 1) / 2
 
 
-def pixel_ray(card: CameraCard, pixel: Pixel) -> Floats[D3]:
-    """Return the direction, in the world, of what a camera sees at a pixel: a unit vector. It begins at `card.centre`."""
-    ray = card.rotation @ np.linalg.solve(card.matrix, np.array([*pixel, 1.0]))
-    return ray / np.linalg.norm(ray)
-
-
-def ray_pixel(card: CameraCard, ray: Floats[D3]) -> Pixel | None:
+def ray_pixel(card: Camera, ray: Floats[D3]) -> Pixel | None:
     """Return the pixel at which a camera sees what lies in a direction (world) from its centre; None for what is behind."""
-    seen = card.matrix @ (card.rotation.T @ ray)
-    if seen[2] <= 1e-9 * float(np.linalg.norm(ray)):
-        return None
-    return float(seen[0] / seen[2]), float(seen[1] / seen[2])
+    column, row = card.project(card.centre + ray).tolist()
+    return (column, row) if np.isfinite(row) else None
 
 
-def eye(card: CameraCard, zoom: Zoom, aspect: float) -> Eye:
+def eye(card: Camera, zoom: Zoom, aspect: float) -> Eye:
     """Return how a window looks into a camera's image; rows are level in its middle."""
     return Eye(_turned(card, zoom.aim), _all_of_it(card, aspect) / zoom.times, aspect)
 
 
-def whole(card: CameraCard) -> Zoom:
+def whole(card: Camera) -> Zoom:
     """Return what shows the whole image."""
     return Zoom(((card.size[0] - 1) / 2, (card.size[1] - 1) / 2))
 
 
-def around(card: CameraCard, box: Box, aspect: float) -> Zoom:
+def around(card: Camera, box: Box, aspect: float) -> Zoom:
     """Return what shows a box of the image, with what is around it, at most `MOST` times enlarged."""
     x, y, width, height = box
     zoom = _within(card, Zoom((x + width / 2, y + height / 2)))
@@ -102,7 +94,7 @@ def around(card: CameraCard, box: Box, aspect: float) -> Zoom:
     return replace(zoom, times=float(np.clip(times, 1.0, MOST)))
 
 
-def with_pixel_at(card: CameraCard, zoom: Zoom, aspect: float, pixel: Pixel, place: Place) -> Zoom:
+def with_pixel_at(card: Camera, zoom: Zoom, aspect: float, pixel: Pixel, place: Place) -> Zoom:
     """Return the same enlargement turned so that a pixel is seen at a place of the window, as far as the image reaches."""
     for _ in range(_STEPS):
         here = ray_pixel(card, eye(card, zoom, aspect).ray(place))
@@ -113,47 +105,46 @@ def with_pixel_at(card: CameraCard, zoom: Zoom, aspect: float, pixel: Pixel, pla
     return zoom
 
 
-def enlarged(card: CameraCard, zoom: Zoom, factor: float) -> Zoom:
+def enlarged(card: Camera, zoom: Zoom, factor: float) -> Zoom:
     """Return an enlargement by a further factor; the whole image, where it fits."""
     times = zoom.times * factor
     return replace(zoom, times=min(times, MOST)) if times > 1.0 else whole(card)
 
 
-def box_of(card: CameraCard, points: Floats[N, D3], radii: Floats[N]) -> Box | None:
+def box_of(card: Camera, points: Floats[N, D3], radii: Floats[N]) -> Box | None:
     """Return the box that balls, world [m], have in a camera's image; None where none is before it."""
-    seen = (points - card.centre) @ card.rotation
-    ahead = seen[:, 2] > radii + 1e-6
+    depth = card.to_camera(points)[:, 2]
+    ahead = depth > radii + 1e-6
     if not ahead.any():
         return None
-    seen, radii = seen[ahead], radii[ahead]
-    pixels = (seen / seen[:, 2:]) @ card.matrix[:2].T
-    reach = (radii / seen[:, 2])[:, None] * np.diag(card.matrix)[:2]
+    pixels = card.project(points[ahead])
+    reach = (radii / depth)[ahead, None] * np.diag(card.matrix)[:2]
     low, high = (pixels - reach).min(axis=0), (pixels + reach).max(axis=0)
     return float(low[0]), float(low[1]), float(high[0] - low[0]), float(high[1] - low[1])
 
 
-def _turned(card: CameraCard, aim: Pixel) -> Floats[D3, D3]:
+def _turned(card: Camera, aim: Pixel) -> Floats[D3, D3]:
     """Return the axes of a view straight at a pixel, that has the image's rows level there."""
-    ahead = pixel_ray(card, aim)
-    right = card.rotation[:, 0] - (card.rotation[:, 0] @ ahead) * ahead
+    ahead, across = card.rays(np.array(aim)), card.rotation[0]
+    right = across - (across @ ahead) * ahead
     right = right / np.linalg.norm(right)
     return np.stack([right, np.cross(ahead, right), ahead], axis=1)
 
 
-def _all_of_it(card: CameraCard, aspect: float) -> float:
+def _all_of_it(card: Camera, aspect: float) -> float:
     right, bottom = card.size[0] - 0.5, card.size[1] - 0.5
     corners = np.array([(-0.5, -0.5), (right, -0.5), (-0.5, bottom), (right, bottom)])
     return _fitting(card, _turned(card, whole(card).aim), corners, aspect)
 
 
-def _fitting(card: CameraCard, rotation: Floats, pixels: Floats, aspect: float) -> float:
+def _fitting(card: Camera, rotation: Floats, pixels: Floats, aspect: float) -> float:
     """Return the tangent of half the field of view that has pixels (N, 2) just inside a window."""
-    rays = np.array([rotation.T @ pixel_ray(card, (x, y)) for x, y in pixels])
+    rays = card.rays(pixels) @ rotation
     ahead = np.maximum(rays[:, 2], 1e-3)
     return float(_AIR * np.max(np.abs(rays[:, :2] / ahead[:, None]) / (aspect, 1.0)))
 
 
-def _within(card: CameraCard, zoom: Zoom) -> Zoom:
+def _within(card: Camera, zoom: Zoom) -> Zoom:
     """Return a zoom that aims at a pixel of the image."""
     aim = np.clip(zoom.aim, 0.0, np.array(card.size) - 1.0)
     return replace(zoom, aim=(float(aim[0]), float(aim[1])))

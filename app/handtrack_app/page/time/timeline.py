@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from functools import partial
 
 import viser
@@ -23,8 +23,6 @@ _PLAY: tuple[str, ...] = ("⇤", "←", "▶", "→", "⇥")
 _ZOOM: tuple[str, ...] = ("+", "−", "↔", "☰")
 _SPEEDS = {"¼×": 0.25, "½×": 0.5, "1×": 1.0, "2×": 2.0}
 _FACTOR = 2.0
-_BEFORE_SESSION = "<div class='handtrack-timeline' style='height:80px'></div>"
-"""by it the style sheet knows the panel"""
 
 
 @dataclass
@@ -33,10 +31,8 @@ class TimelinePanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    strip: TimelineSnapshot | None = None
-    fps: float = 25.0
-    slider: viser.GuiSliderHandle[int] | None = None
-    window: Window = field(default_factory=lambda: Window(0, 1))
+    session: InitVar[SessionSnapshot]
+    strip: TimelineSnapshot
     every: bool = False
     """all lanes, not only the first ones"""
     moved: Callable[[], None] = lambda: None
@@ -45,22 +41,12 @@ class TimelinePanel:
     _shown: int | None = None
     _pose: PoseSnapshot | None = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, session: SessionSnapshot) -> None:
         page, gui = self.page, self.page.gui
+        self.window = whole(self.frames)
         with self.tab:
-            self.picture = gui.add_html(_BEFORE_SESSION)
+            self.picture = gui.add_html("")
             self.cursor = gui.add_html("")
-        page.key("Timeline: fewer frames", "F", partial(self.look_closer, _ZOOM[0]), "shift")
-        page.key("Timeline: more frames", "G", partial(self.look_closer, _ZOOM[1]), "shift")
-
-    def fit(self, session: SessionSnapshot) -> None:
-        """Make the timeline fit a session's frames; built once."""
-        self.fps = session.fps
-        if self.slider is not None:
-            return
-        page, gui = self.page, self.page.gui
-        self.window = whole(range(session.start, session.stop))
-        with self.tab:
             self.slider = gui.add_slider(
                 "Frame", self.window.first, self.window.last, 1, session.first_frame
             )
@@ -74,6 +60,8 @@ class TimelinePanel:
                 "Speed", _SPEEDS, partial(setattr, page.state, "speed"), now="1×"
             )
         page.on(self.slider, lambda _, frame: page.go_to(frame))
+        page.key("Timeline: fewer frames", "F", partial(self.look_closer, _ZOOM[0]), "shift")
+        page.key("Timeline: more frames", "G", partial(self.look_closer, _ZOOM[1]), "shift")
 
     def _pressed(self, key: str) -> None:
         state = self.page.state
@@ -89,10 +77,8 @@ class TimelinePanel:
     @property
     def frames(self) -> range:
         """Those of the recording."""
-        strip, state = self.strip, self.page.state
-        if strip is None:
-            return range(state.start, max(state.stop, state.start + 1))
-        return range(strip.start, strip.start + max(len(strip.status), 1))
+        start = self.strip.start
+        return range(start, start + len(self.strip.status))
 
     def look_closer(self, how: str) -> None:
         """Show fewer frames or more, all, or other lanes: a button's sign, of `_ZOOM`."""
@@ -118,7 +104,7 @@ class TimelinePanel:
     def show_frame(self, frame: int) -> None:
         """Move slider and cursor to a frame; where it is beyond the part that is shown, that goes along."""
         self.look_at(self.window.around(frame, self.frames))
-        if self.slider is not None and self.slider.value != frame:
+        if self.slider.value != frame:
             put(self.slider, max=max(self.slider.max, frame))
             self.slider.value = frame
         self.draw(frame)
@@ -137,12 +123,9 @@ class TimelinePanel:
 
     def _redraw(self) -> None:
         """Send all lanes again."""
-        if self.strip is None:
-            return
         self._lanes = lanes_of(self.strip, self.window, self.every)
         put(self.picture, content=lanes_picture(self._lanes, self.strip, self.window, self.every))
-        if self.slider is not None:
-            put(self.slider, min=self.window.first, max=self.window.last)
+        put(self.slider, min=self.window.first, max=self.window.last)
         frame = self.page.state.frame if self._shown is None else self._shown
         self._shown = None
         self.draw(frame)
