@@ -10,46 +10,23 @@ from typing import TYPE_CHECKING, Any
 
 import viser
 from viser import _messages as messages
-from viser._messages import (
-    CommandTriggerMessage,
-    DragBinding,
-    FileTransferPart,
-    FileTransferStartUpload,
-    GuiUpdateMessage,
-    LocalStorageGetItemResponseMessage,
-    Message,
-    SceneNodeClickMessage,
-    SceneNodeDragMessage,
-    ScenePointerMessage,
-    SetCameraFovMessage,
-    SetCameraLookAtMessage,
-    SetCameraMaxOrbitDistanceMessage,
-    SetCameraMinOrbitDistanceMessage,
-    SetCameraPositionMessage,
-    SetCameraUpDirectionMessage,
-    TransformControlsDragEndMessage,
-    TransformControlsDragStartMessage,
-    TransformControlsUpdateMessage,
-    ViewerCameraMessage,
-)
+from viser._messages import DragBinding, FileTransferPart, Message
 
 if TYPE_CHECKING:
     from viser._gui_handles import GuiModalHandle
     from viser._messages import DragButton, HotkeyKey, KeyModifier
 
 __all__ = [
-    "DragBinding", "DragButton", "FileTransferPart", "GuiModalHandle", "HotkeyKey", "KeyModifier", "Message", "SetCameraFovMessage",
-    "SetCameraLookAtMessage", "SetCameraMaxOrbitDistanceMessage", "SetCameraMinOrbitDistanceMessage", "SetCameraPositionMessage",
-    "SetCameraUpDirectionMessage",
+    "DragBinding", "DragButton", "FileTransferPart", "GuiModalHandle", "HotkeyKey", "KeyModifier", "Message", "messages",
 ]  # fmt: skip
 
 FROM_PAGES: Mapping[str, type[Message]] = {
-    kind.__name__: kind
-    for kind in (
-        ViewerCameraMessage, GuiUpdateMessage, LocalStorageGetItemResponseMessage, CommandTriggerMessage,
-        ScenePointerMessage, TransformControlsUpdateMessage, TransformControlsDragStartMessage,
-        TransformControlsDragEndMessage, SceneNodeClickMessage, SceneNodeDragMessage,
-        FileTransferStartUpload, FileTransferPart,
+    name: getattr(messages, name)
+    for name in (
+        "ViewerCameraMessage", "GuiUpdateMessage", "LocalStorageGetItemResponseMessage", "CommandTriggerMessage",
+        "ScenePointerMessage", "TransformControlsUpdateMessage", "TransformControlsDragStartMessage",
+        "TransformControlsDragEndMessage", "SceneNodeClickMessage", "SceneNodeDragMessage",
+        "FileTransferStartUpload", "FileTransferPart",
     )
 }  # fmt: skip
 """messages of a page that the workbench uses, by the name in which they come. Not among them: forms, buttons held down,
@@ -115,7 +92,7 @@ def run_javascript(to: viser.ViserServer | viser.ClientHandle, source: str) -> N
 
 def show_value(client: viser.ClientHandle, widget: Any, value: object) -> None:
     """Show one client a value of a widget."""
-    send(client, GuiUpdateMessage(id_of(widget), {"value": value}))
+    send(client, messages.GuiUpdateMessage(id_of(widget), {"value": value}))
 
 
 def mark(slider: viser.GuiMultiSliderHandle[float], value: float) -> None:
@@ -150,7 +127,7 @@ def ask_storage(server: viser.ViserServer, name: str, question: str) -> None:
 def on_storage(server: viser.ViserServer, hear: Callable[[str], None]) -> None:
     """Call back with the question of each answer."""
     server._websock_server.register_handler(
-        LocalStorageGetItemResponseMessage, lambda _, message: hear(message.request_uuid)
+        messages.LocalStorageGetItemResponseMessage, lambda _, message: hear(message.request_uuid)
     )  # fmt: skip
 
 

@@ -176,7 +176,8 @@ class Workbench:
         """Build scene and panels once all has come that they begin with."""
         first = [self.page.early.get(kind) for kind in _FIRST]
         if None not in first:
-            self._build(*first)  # type: ignore[arg-type]
+            with self.server.atomic():
+                self._build(*first)  # type: ignore[arg-type]
             self.page.show_early()
 
     def _see_ready(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import glob
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,7 +41,6 @@ from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
 from handtrack_app.commands.terminal.output import answer, output_file, progress_bar, say
 
-_WILD = "*?["
 _LEAST_VIEWS = 3
 
 
@@ -133,13 +133,11 @@ def _named_files(groups: Sequence[Sequence[str]], option: str) -> dict[str, list
 
 def _expanded(part: str, where: str) -> list[Path]:
     path = Path(part)
-    if any(sign in part for sign in _WILD):
-        fixed = Path(path.anchor) if path.is_absolute() else Path()
-        files = [p for p in fixed.glob(str(path.relative_to(path.anchor))) if p.is_file()]
-    elif path.is_dir():
+    if path.is_dir():
         files = [p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
     else:
-        files = [path] if path.is_file() else []
+        found = [path] if path.is_file() else map(Path, glob.glob(part, recursive=True))
+        files = [p for p in found if p.is_file()]
     if not files:
         raise HandtrackError(
             f"{where}: nothing found at {part}; expected images, a folder of them, or a video."

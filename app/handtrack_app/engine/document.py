@@ -41,14 +41,14 @@ from handtrack.session.session_state import (
 )
 from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
 from handtrack.session.sources.session_pins import SessionPins
-from handtrack.session.sources.views import MaskChoice, View
+from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes.take_about import REFINED, files_read
 from handtrack.store.current_track import CurrentTrack, Head, TakeFrames
 from handtrack.store.spans import Span
 from handtrack.store.store import Store
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.protocol.snapshots import MOVED, PROBABILITY, VIEWS, TakeCard
+from handtrack_app.protocol.snapshots import COST, ERROR, MOVED, PROBABILITY, TERM, VIEWS, TakeCard
 
 
 class TakeShelf:
@@ -166,12 +166,8 @@ class TrackedRows:
         count = len(frames)
         self.frames = frames
         self.status: Ints[F] = np.full(count, -1, dtype=np.int64)
-        self.energy: Floats[F] = np.full(count, np.nan)
-        self.error_mm: Floats[F] = np.full(count, np.nan)
-        self.terms: dict[str, Floats[F]] = {}
-        """the energy's parts by their words, NaN where a frame has none"""
         self.lanes: dict[str, Floats[F]] = {}
-        """other numbers likewise: PROBABILITY, VIEWS, and those of whole frames"""
+        """numbers by their words, as of TimelineSnapshot; NaN where a frame has none"""
         self.values: Floats[F, S] = np.zeros((count, 0))
         """joint parameters of the frames read so far [m, rad], NaN elsewhere"""
         self.std: Floats[F, S] = np.zeros((count, 0))
@@ -217,20 +213,21 @@ class TrackedRows:
             return
         row = frame - self.frames.start
         self._known[frame] = head
-        self.status[row], self.energy[row] = int(head.status), head.energy
+        self.status[row] = int(head.status)
         self._unread[frame] = None
         self.changed.add(row)
+        self._put(COST, row, head.energy)
         for word, cost in parts(head.energies).items():
-            self._put(self.terms, word, row, cost)
+            self._put(TERM + word, row, cost)
         if np.isfinite(head.p_off_25mm) or head.status in (Status.DOUBTFUL, Status.LOST):
-            self._put(self.lanes, PROBABILITY, row, failure_probability(head))
+            self._put(PROBABILITY, row, failure_probability(head))
         if head.views:
-            self._put(self.lanes, VIEWS, row, head.views)
+            self._put(VIEWS, row, head.views)
 
-    def _put(self, lanes: dict[str, Floats[F]], word: str, row: int, value: float) -> None:
-        if word not in lanes:
-            lanes[word] = np.full(len(self.frames), np.nan)
-        lanes[word][row] = value
+    def _put(self, word: str, row: int, value: float) -> None:
+        if word not in self.lanes:
+            self.lanes[word] = np.full(len(self.frames), np.nan)
+        self.lanes[word][row] = value
 
     def given_error(
         self, frame: int, pose: Floats[S], error: Callable[[Floats[S]], float]
@@ -247,8 +244,8 @@ class TrackedRows:
             del self._unread[frame]
             if frame in track:
                 row, whole = frame - self.frames.start, read(frame)
-                self.error_mm[row] = whole.error_mm
-                self._put(self.lanes, MOVED, row, whole.moved)
+                self._put(ERROR, row, whole.error_mm)
+                self._put(MOVED, row, whole.moved)
                 if self.values.shape[1] != len(whole.values):
                     shape = len(self.frames), len(whole.values)
                     self.values, self.std = (np.full(shape, np.nan) for _ in range(2))
@@ -269,19 +266,12 @@ class TrackedRows:
             row = frame - self.frames.start
             self.changed.add(row)
             self.status[row] = -1
-            for values in (
-                self.energy, self.error_mm, *self.terms.values(), *self.lanes.values(), self.values, self.std, self.bent,
-            ):  # fmt: skip
+            for values in (*self.lanes.values(), self.values, self.std, self.bent):
                 values[row] = np.nan
 
 
 # ---- What the session's state says of masks: each camera's method and box, and the corrections of its frames.
 # Changes nothing
-
-
-def choice_of(view: View) -> MaskChoice:
-    """Return where a camera's masks come from, and its region of interest."""
-    return view.settings.masks, view.settings.roi
 
 
 def source_of(choice: MaskChoice) -> MaskSource:
@@ -444,7 +434,6 @@ class Document:
         """what the timeline knows of them"""
         self.marked = marked_frames(self.state)
         """frames by the marks that the user has given them"""
-        self.limits: dict[str, tuple[float, float]] = {}
         self.own_interval = run.model.limits.interval.copy()
         self.own_settings = dict(run.settings.flat())
         """as session.toml has them"""
@@ -463,10 +452,6 @@ class Document:
         self.saved_masks = self.masks
         """where each camera's masks come from, as session.toml has it"""
         self._read: tuple[SessionFile, dict[str, str]] | None = None
-        self.size_pending = size_pending
-        """the hand's size is to be fitted before the first tracking, or after it"""
-        self.live_scale: HandScale | None = None
-        """the size before refining found another, with which tracking begins"""
         self.offered_scale: HandScale | None = None
         """the size that was fitted after tracking, and is not taken yet"""
         self.offered_arm = run.arm
@@ -505,7 +490,7 @@ class Document:
         if kind == "setting":
             return self.run.settings.flat().get(entry)
         if kind == "size":
-            return DecidedSize(self.run.scale, self.size_pending, self.live_scale)
+            return replace(self.size, scale=self.run.scale)
         if kind == "clouds":
             return CloudTable(None if self.clouds is None else self.clouds.table)
         if kind == "masks":
@@ -545,8 +530,6 @@ class Document:
         pins = {e: checked(run.session, v) for (k, e), v in changed.items() if k == "pins"}
         self.state = state
         if "size" in kinds:
-            size = self._size
-            self.size_pending, self.live_scale = size.pending, size.live
             self.offered_scale = None
         if run is not self.run or "limits" in kinds:
             self._use(run, resized="size" in kinds)
@@ -613,7 +596,10 @@ class Document:
         return saved if source is None else choice_from(source, camera)
 
     @property
-    def _size(self) -> DecidedSize:
+    def size(self) -> DecidedSize:
+        """The size in force; whether it is still to be fitted, before the first tracking or after it; and the one before refining found
+        another, with which tracking begins.
+        """
         return self.state.size or self._own_size
 
     def _clouds_of(self, clouds: CloudTable | None) -> CloudSettings | None:
@@ -633,10 +619,9 @@ class Document:
             back = self._starts.pop(new, np.zeros(len(new)))
             self.start = renamed(self.start, old, new, back)
             self.shown = renamed(self.shown, old, new, self.start)
-        self.limits = {n: pair for n, pair in self.state.limits.items() if n in new[6:]}
         interval = self.own_interval.copy()
-        for name, pair in self.limits.items():
-            interval[new.index(name)] = pair
+        for name in self.state.limits.keys() & new[6:]:
+            interval[new.index(name)] = self.state.limits[name]
         limits = replace(run.model.limits, interval=interval)
         self.run = replace(run, model=replace(run.model, limits=limits))
         if resized and self.run.first is not None and self.first_frame == self.run.first.frame:
@@ -774,21 +759,10 @@ class Document:
         """Whether anybody said where the hand is: else it stands somewhere in view."""
         return self.run.first is not None or bool(self.by_hand) or bool(self.results.layers)
 
-    def keyframes(self, frames: range) -> dict[int, Floats[S]]:
-        """Return the poses set by hand at some of the frames; not those to which the solver led."""
-        return {
-            f: self.by_hand[f]
-            for f in sorted(self.by_hand)
-            if f in frames and not self.decided_pose(f).is_led
-        }
-
-    def guides(self, frames: range) -> dict[int, Floats[S]]:
-        """Return the poses to which the solver led at some of the frames, by pins or settings."""
-        return {
-            f: self.by_hand[f]
-            for f in sorted(self.by_hand)
-            if f in frames and self.decided_pose(f).is_led
-        }
+    def keyframes(self, frames: range, is_led: bool = False) -> dict[int, Floats[S]]:
+        """Return the poses set by hand at some of the frames; or those to which the solver led, by pins or settings."""
+        known = (f for f in sorted(self.by_hand) if f in frames)
+        return {f: self.by_hand[f] for f in known if self.decided_pose(f).is_led == is_led}
 
     def is_locked(self, frame: int) -> bool:
         """Return whether a frame was accepted, and its pose shows: not under another model."""
@@ -845,7 +819,8 @@ class Document:
     @property
     def masks(self) -> dict[str, MaskChoice]:
         """Where each camera's masks come from."""
-        return {view.name: choice_of(view) for view in self.run.session.views}
+        views = self.run.session.views
+        return {view.name: (view.settings.masks, view.settings.roi) for view in views}
 
     @property
     def unsaved_masks(self) -> tuple[str, ...]:

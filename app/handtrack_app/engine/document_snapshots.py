@@ -28,6 +28,7 @@ from handtrack_app.engine.inverse_kinematics import stem_bones
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     CLOUD,
+    ERROR,
     FILES,
     HAND_REACH_M,
     IMAGES,
@@ -108,7 +109,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         parts=part_cards(model),
         reach_m=model_reach(model),
         live=session.live is not None,
-        size_pending=document.size_pending,
+        size_pending=document.size.pending,
         size=model.scale.overall,
         shape=tuple(shape_numbers(model)),
         offered_size=None if offered is None else offered.overall,
@@ -222,17 +223,15 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     """Return status, energy and error of every frame."""
     rows = _followed(document)
     rows.changed.clear()
-    error = rows.error_mm.copy()
+    lanes = {word: row.copy() for word, row in rows.lanes.items() if _is_told(document, word)}
     for frame in document.by_hand if document.run.session.truth is not None else ():
-        error[frame - document.frames.start] = _given_error(document, frame)
+        error = lanes.setdefault(ERROR, np.full(len(rows.frames), np.nan))
+        error[frame - rows.frames.start] = _given_error(document, frame)
     hand = tuple(sorted(document.by_hand))
     found = tuple(frame for frame in hand if document.decided_pose(frame).found)
-    terms = {word: row.copy() for word, row in rows.terms.items() if np.isfinite(row).any()}
-    told = {word: row for word, row in rows.lanes.items() if _is_told(document, word)}
-    lanes = {word: row.copy() for word, row in told.items() if np.isfinite(row).any()}
     return TimelineSnapshot(
-        document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found, lanes,
-        document.marked, queue(document), resolved(document.laid, document.takes.frames_of),
+        rows.frames.start, rows.status.copy(), {word: row for word, row in lanes.items() if np.isfinite(row).any()}, hand,
+        found, document.marked, queue(document), resolved(document.laid, document.takes.frames_of),
         resolved(document.hidden, document.takes.frames_of), document.is_posed,
         {name: one.error.figures for name, one in document.camera_errors.items()},
         document.run.session.corrected,
@@ -244,15 +243,11 @@ def timeline_change(document: Document) -> TimelineChange:
     rows, start = _followed(document), document.frames.start
     row = np.array(sorted(rows.changed), np.int64)
     rows.changed.clear()
-    error = rows.error_mm[row]
-    for n, frame in enumerate((row + start).tolist()):
-        if frame in document.by_hand:
-            error[n] = _given_error(document, frame)
-    terms = {word: values[row] for word, values in rows.terms.items()}
     lanes = {word: values[row] for word, values in rows.lanes.items() if _is_told(document, word)}
-    return TimelineChange(
-        document.frames, row, rows.status[row], rows.energy[row], error, terms, lanes
-    )
+    for n, frame in enumerate((row + start).tolist()):
+        if frame in document.by_hand and ERROR in lanes:
+            lanes[ERROR][n] = _given_error(document, frame)
+    return TimelineChange(document.frames, row, rows.status[row], lanes)
 
 
 def _followed(document: Document) -> TrackedRows:

@@ -73,7 +73,7 @@ def tracking_request(
     run, start = document.run, document.start_pose(first, anew)
     if len(frames) == 1:
         return TrackingRequest(frames, first, start, fit_size=False, track_again=False)
-    posed, guides = document.keyframes(frames), document.guides(frames)
+    posed, guides = document.keyframes(frames), document.keyframes(frames, is_led=True)
     accepted = {f for f in document.accepted if f in frames and document.is_locked(f)}
     posed |= {f: document.by_hand[f] for f in accepted if f in document.by_hand}
     fixed = {f: keyframe_result(run, f, pose) for f, pose in posed.items()}
@@ -86,7 +86,7 @@ def tracking_request(
         {f: result for f, result in fixed.items() if f not in started},
         {f: pose for f, pose in guides.items() if f not in accepted | started},
         both_ends,
-        fit_size=document.size_pending,
+        fit_size=document.size.pending,
         track_again=False,  # another size is offered, and taken where the user wants it
     )
 
@@ -366,10 +366,9 @@ class JobControl:
         fitting one frame is one. both_ends: between keyframes half of the frames are tracked from each.
         """
         document = self._document
-        self._store.write_what_rests(at_once=True)
+        self._prepare()
         if stop - start == 1 and document.frame == first:
             self.see_arm()
-        self._refuse()
         document.see_frames()
         frames = range(max(start, document.frames.start), min(stop, document.frames.stop))
         if not frames or first not in document.frames:
@@ -377,12 +376,12 @@ class JobControl:
                 f"No frames to track: {start} to {stop} of a session with frames "
                 f"{document.frames.start} to {document.frames.stop - 1}."
             )
-        if document.live_scale is not None and anew and not document.by_hand:
-            self._store.do("Size as before refining", edits.size(document.live_scale))
+        if document.size.live is not None and anew and not document.by_hand:
+            self._store.do("Size as before refining", edits.size(document.size.live))
         if len(frames) == 1:
             document.refuse_to_fit(frames.start)
         later = document.run.settings.model.fit_size == "later"
-        if document.size_pending and not later and len(frames) > 1:
+        if document.size.pending and not later and len(frames) > 1:
             document.begin_at(first)
         request = tracking_request(document, frames, first, anew, both_ends)
         sizes = request.fit_size and (later or document.run.first is not None)
@@ -398,8 +397,7 @@ class JobControl:
         """Optimise the tracked frames jointly; keyframes stay fixed. Where nothing but keyframes and pins has changed since, those
         that they touch.
         """
-        self._store.write_what_rests(at_once=True)
-        self._refuse()
+        self._prepare()
         document = self._document
         request = tracking_request(document, document.frames, document.first_frame)
         tracked = [document.results[f] for f in document.results if f not in request.fixed]
@@ -415,9 +413,8 @@ class JobControl:
     @command(job=True)
     def track_live(self) -> None:
         """Track what the cameras show from now on, from the pose shown, until it is cancelled."""
-        self._store.write_what_rests(at_once=True)
+        self._prepare()
         self.see_arm()
-        self._refuse()
         document, feed = self._document, self._document.run.session.live
         if feed is None:
             raise HandtrackError("This is a recording, and no live source: track its frames.")
@@ -429,7 +426,7 @@ class JobControl:
     @command(job=True, files=True)
     def fit_size(self) -> None:
         """Fit the hand's size to the frames near the first pose."""
-        self._refuse()
+        self._prepare()
         if self._document.run.first is None:
             raise HandtrackError(
                 "The size is fitted from the first-frame pose on, and this session has none yet. Find or pose it, "
@@ -440,8 +437,7 @@ class JobControl:
     @command(job=True, files=True)
     def take_size(self, first: int) -> None:
         """Take the size that was fitted after tracking, and track everything again from the pose at `first`."""
-        self._store.write_what_rests(at_once=True)
-        self._refuse()
+        self._prepare()
         document = self._document
         if document.offered_scale is None:
             raise HandtrackError(
@@ -458,8 +454,7 @@ class JobControl:
         """Detect the hand without a first pose, in one frame, or in the surest of several (None). fetch: get the detector's networks
         before.
         """
-        self._store.write_what_rests(at_once=True)
-        self._refuse()
+        self._prepare()
         self.begin("finding", partial(jobs.find, run=self._document.run, frame=frame, fetch=fetch))
 
     @command(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follows", on))
@@ -474,8 +469,9 @@ class JobControl:
             self._publish(pose_snapshot(document))
             self._publish(timeline_snapshot(document))
 
-    def _refuse(self) -> None:
-        """Raise HandtrackError where no job can begin."""
+    def _prepare(self) -> None:
+        """Write what was edited, before a job. Raises HandtrackError where none can begin."""
+        self._store.write_what_rests(at_once=True)
         if self._job is not None:
             raise HandtrackError(_BUSY)
         blind = nothing_seen(self._document.run)
@@ -739,7 +735,7 @@ class Guesses:
         arm = model.has_forearm and not document.model.has_forearm
         arm = arm and document.model.has_keypoints21
         changed = [decide(forearm=True)] if arm else []
-        if document.size_pending and model.scale != document.run.scale:
+        if document.size.pending and model.scale != document.run.scale:
             changed.append(edits.size(model.scale, pending=True))
         joint = model.joint_params(params)
         known = dict(zip(model.parameter_names, joint.tolist(), strict=True))

@@ -129,12 +129,10 @@ class BackgroundJob:
         return spent / (self.done - 1) * (self.total - self.done)
 
     def should_stop(self) -> bool:
-        while self._waits() and not self._stop.wait(0.02):
-            pass
+        while self._hold.is_set() or time.monotonic() < self._way_until:
+            if self._stop.wait(0.02):
+                break
         return self._stop.is_set()
-
-    def _waits(self) -> bool:
-        return self._hold.is_set() or time.monotonic() < self._way_until
 
     def report(self, event: JobEvent) -> None:
         """Hand an event over to the worker."""

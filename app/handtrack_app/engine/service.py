@@ -26,6 +26,16 @@ class Service:
         self.opened, self.document, self.store = opened, opened.document, opened.store
         self.jobs, self.publish = opened.jobs, opened.publish
 
+    def _do(
+        self, words: str, edit: Callable[[], Edit], tag: str = "", is_stroke: bool = False
+    ) -> None:
+        """Make an edit of settings."""
+        self.opened.change(lambda: self.store.do(words, edit(), tag, is_stroke=is_stroke))
+
+    def _save(self, save: Callable[[Persistence], str], title: str) -> None:
+        """Write settings into session.toml, and say so."""
+        self.opened.change(lambda: self.publish(Notice("done", title, save(self.store))))
+
 
 _HURRIED_S = 0.6  # while tracking runs, previews are shown at most this often
 
@@ -50,16 +60,6 @@ class PreviewService(Service, ABC):
         if self.is_wanted and not (hurried and now - self._shown_at < _HURRIED_S):
             self._shown_at = now
             self._show(hurried)
-
-    def _do(
-        self, words: str, edit: Callable[[], Edit], tag: str = "", is_stroke: bool = False
-    ) -> None:
-        """Make an edit of settings."""
-        self.opened.change(lambda: self.store.do(words, edit(), tag, is_stroke=is_stroke))
-
-    def _save(self, save: Callable[[Persistence], str], title: str) -> None:
-        """Write settings into session.toml, and say so."""
-        self.opened.change(lambda: self.publish(Notice("done", title, save(self.store))))
 
 
 # ---- A thread beside the worker: makes what is only shown (clouds, surfaces, pictures of them), or fits a frame anew

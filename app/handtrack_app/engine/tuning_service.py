@@ -13,7 +13,6 @@ from handtrack.arrays import Floats, P, S
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import Edit, decide
 from handtrack.tracking.pulling import fitted_again
-from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.engine.posing_service import set_pose
 from handtrack_app.engine.service import NewestFirst, Service
 from handtrack_app.engine.store import edits, saving
@@ -51,10 +50,7 @@ class TuningService(Service):
     @command(edits=True, files=True)
     def save_settings(self) -> None:
         """Write the settings that session.toml does not have into it."""
-        self.jobs.require_idle()
-        said = saving.save_settings(self.store)
-        self.publish(Notice("done", "Settings saved", said))
-        self.publish(session_snapshot(self.document))
+        self._save(saving.save_settings, "Settings saved")
 
     @command(view=True)
     def refit_while_tuning(self, on: bool) -> None:
@@ -90,7 +86,7 @@ class TuningService(Service):
     def _change(self, edit: Callable[[], Edit], words: str, slid: bool) -> None:
         """Let values hold from now on. slid: by a slider: many changes are one step of undo."""
         known = self.document.run.notes
-        self.opened.change(lambda: self.store.do(words, edit(), tag=words, is_stroke=slid))
+        self._do(words, edit, words, slid)
         self.say_notes(known)
 
     def followed(self, change: Callable[[], object]) -> None:

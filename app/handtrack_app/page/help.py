@@ -6,16 +6,12 @@ import html
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
 
 import viser
 
 from handtrack_app.page.html import text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.tracking import TrackingPanel
-
-if TYPE_CHECKING:
-    from handtrack_app.viser_internals import KeyModifier
 
 _KEPT_AS = "handtrack.toured"  # in the browser's storage
 _LEAVE = "Leave"
@@ -66,15 +62,13 @@ class Help:
 
     def __post_init__(self) -> None:
         key = self.page.key
-        key("Help: all keys", "H", self.show, "shift", by_page=True)
-        key("Tour: five things to do", None, self.tour, by_page=True)
+        key("Help: all keys", "shift+H", self.show, by_page=True)
+        key("Tour: five things to do", "", self.tour, by_page=True)
         key("Close the dialog, or leave the camera", "escape", self.escape, by_page=True)
 
     def escape(self, client: viser.ClientHandle) -> None:
         """Close the dialog; where none is open, leave the camera that is looked through."""
-        if self.page.has_dialog(client):
-            self.page.close_dialog(client)
-        else:
+        if not self.page.close_dialog(client):
             self.leave(client)
 
     def welcome(self, client: viser.ClientHandle) -> None:
@@ -140,7 +134,7 @@ class Help:
 
 
 _TEN = 10
-_Entry = tuple[str, str | None, "KeyModifier | None", Callable[[], object]]
+_Entry = tuple[str, str, Callable[[], object]]
 
 
 def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
@@ -148,43 +142,40 @@ def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
     state = page.state
 
     entries: list[_Entry] = [
-        ("Undo", "Z", "cmd/ctrl", partial(page.travel, back=True)),
-        ("Redo", "Z", "cmd/ctrl+shift", partial(page.travel, back=False)),
-        ("Redo", "Y", "cmd/ctrl", partial(page.travel, back=False)),
-        ("Before/after: the pose before the last step", "tab", None, page.flip),
-        ("Play or pause", "space", None, lambda: page.play(not state.playing)),
-        ("Next frame", "arrowright", None, lambda: page.go_to(state.frame + 1)),
-        ("Previous frame", "arrowleft", None, lambda: page.go_to(state.frame - 1)),
+        ("Undo", "cmd/ctrl+Z", partial(page.travel, back=True)),
+        ("Redo", "cmd/ctrl+shift+Z", partial(page.travel, back=False)),
+        ("Redo", "cmd/ctrl+Y", partial(page.travel, back=False)),
+        ("Before/after: the pose before the last step", "tab", page.flip),
+        ("Play or pause", "space", lambda: page.play(not state.playing)),
+        ("Next frame", "arrowright", lambda: page.go_to(state.frame + 1)),
+        ("Previous frame", "arrowleft", lambda: page.go_to(state.frame - 1)),
         (
             "Hide or show the model",
             "H",
-            None,
             lambda: page.draw("hidden", not state.display.hidden),
         ),
-        ("Ten frames on", "arrowright", "shift", lambda: page.go_to(state.frame + _TEN)),
-        ("Ten frames back", "arrowleft", "shift", lambda: page.go_to(state.frame - _TEN)),
-        ("First frame", "home", None, lambda: page.go_to(state.start)),
-        ("Last frame", "end", None, lambda: page.go_to(state.stop - 1)),
+        ("Ten frames on", "shift+arrowright", lambda: page.go_to(state.frame + _TEN)),
+        ("Ten frames back", "shift+arrowleft", lambda: page.go_to(state.frame - _TEN)),
+        ("First frame", "home", lambda: page.go_to(state.start)),
+        ("Last frame", "end", lambda: page.go_to(state.stop - 1)),
         (
             "Keep this pose: a keyframe",
             "M",
-            None,
             lambda: page.engine.take_pose(state.frame, "shown", state.begin_edit()),
         ),
         (
             "No keyframe here: the tracked pose",
-            "M",
-            "shift",
+            "shift+M",
             lambda: page.engine.forget_pose(state.frame, state.begin_edit()),
         ),
-        ("Track: from here on", "T", "shift", partial(tracking.start, "forward ▶")),
-        ("Track: from here back", "B", "shift", partial(tracking.start, "◀ backward")),
-        ("Track: all frames", None, None, partial(tracking.start, "all")),
-        ("Track: pause, and go on", "P", "shift", tracking.pause_or_go_on),
-        ("Track: cancel", "C", "shift", page.engine.cancel),
-        ("Refine all frames together", "R", "shift", page.engine.refine),
-        ("Save the track", "V", "shift", page.engine.save_track),
-        ("Save this pose as the first frame's", None, None, page.engine.save_pose),
+        ("Track: from here on", "shift+T", partial(tracking.start, "forward ▶")),
+        ("Track: from here back", "shift+B", partial(tracking.start, "◀ backward")),
+        ("Track: all frames", "", partial(tracking.start, "all")),
+        ("Track: pause, and go on", "shift+P", tracking.pause_or_go_on),
+        ("Track: cancel", "shift+C", page.engine.cancel),
+        ("Refine all frames together", "shift+R", page.engine.refine),
+        ("Save the track", "shift+V", page.engine.save_track),
+        ("Save this pose as the first frame's", "", page.engine.save_pose),
     ]
-    for words, key, modifier, act in entries:
-        page.key(words, key, act, modifier)
+    for words, keys, act in entries:
+        page.key(words, keys, act)

@@ -169,20 +169,7 @@ _OPEN_TAB = """%s.forEach((name, n) => setTimeout(() => {
 }, 300 * n));"""
 """viser opens tabs by the pointer alone; one within another is drawn after it"""
 _ASKED_S = 60.0  # a browser is waited for
-_MODIFIERS = {
-    "cmd/ctrl": "Ctrl", "cmd/ctrl+shift": "Ctrl Shift", "shift": "Shift", "alt": "Alt", "alt+shift": "Alt Shift",
-}  # fmt: skip
-_KEY_WORDS = {
-    "pageup": "Page ↑",
-    "pagedown": "Page ↓",
-    "home": "Home",
-    "end": "End",
-    "space": "Space",
-    "escape": "Esc",
-    "tab": "Tab",
-    "arrowright": "→",
-    "arrowleft": "←",
-}
+_KEY_WORDS = {"cmd/ctrl": "Ctrl", "escape": "Esc", "arrowright": "→", "arrowleft": "←"}
 
 
 Action = Callable[[viser.ClientHandle, Any], object]
@@ -277,13 +264,14 @@ class Page:
         with opened:
             yield
             close = client.gui.add_button("Close", color="gray")
-        close.on_click(lambda _: self.close_dialog(client))
+        self.on(close, lambda who, _: self.close_dialog(who))
 
-    def close_dialog(self, client: viser.ClientHandle) -> None:
-        """Close a page's dialog, if there is one."""
+    def close_dialog(self, client: viser.ClientHandle) -> bool:
+        """Close a page's dialog; return whether there was one."""
         opened = self._dialogs.pop(client.client_id, None)
         if opened is not None:
             opened.close()
+        return opened is not None
 
     def present(self, by_client: dict[int, Kept]) -> dict[int, Kept]:
         """Return what is kept of pages that are still there."""
@@ -294,10 +282,6 @@ class Page:
         """Open a tab of one page, and a tab within it."""
         if client is not None:
             internals.run_javascript(client, _OPEN_TAB.replace("%s", json.dumps(names)))
-
-    def has_dialog(self, client: viser.ClientHandle) -> bool:
-        """Return whether a page has a dialog open."""
-        return client.client_id in self._dialogs
 
     def play(self, on: bool) -> None:
         """Begin or end playback; what is too slow for it is drawn differently meanwhile."""
@@ -375,23 +359,23 @@ class Page:
 
         self.own_widgets[internals.id_of(widget)] = call
 
-    def key(
-        self, words: str, key: str | None, act: Callable[..., object], modifier: KeyModifier | None = None,
-        by_page: bool = False,
-    ) -> None:  # fmt: skip
-        """Let a key call `act`; the palette (Ctrl-K) has it too, or alone (None). by_page: `act` gets the page whose key it was."""
-        hotkey = cast("HotkeyKey | None", key)
-        command = self.gui.add_command(self.say(words), hotkey=hotkey, modifier=modifier)
+    def key(self, words: str, keys: str, act: Callable[..., object], by_page: bool = False) -> None:
+        """Let a key, such as `shift+Z`, call `act`; the palette (Ctrl-K) has it too, or alone (""). by_page: `act` gets the page whose
+        key it was.
+        """
+        modifier, _, key = keys.rpartition("+")
+        hotkey, held = cast("HotkeyKey | None", key or None), cast("KeyModifier", modifier)
+        command = self.gui.add_command(self.say(words), hotkey=hotkey, modifier=held or None)
 
         def use(client: viser.ClientHandle, _: object) -> None:
             first = None if modifier else self.modal.get(client.client_id)
-            if first is None or key is None or not first(key):
+            if first is None or not key or not first(key):
                 act(*[client] * by_page)
 
         command.on_trigger(self.from_user(use))
-        if key is not None:
-            shown = _KEY_WORDS.get(key, key)
-            self.keys.append((f"{_MODIFIERS.get(modifier or '', '')} {shown}".strip(), words))
+        if key:
+            named = [_KEY_WORDS.get(one, one.capitalize()) for one in keys.split("+")]
+            self.keys.append((" ".join(named), words))
 
     def button(
         self, label: str, act: Callable[..., object], icon: str = "", hint: str = "",

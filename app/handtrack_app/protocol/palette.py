@@ -82,11 +82,13 @@ def colours_of(bone_names: tuple[str, ...], bones: Ints[N]) -> Bytes[N, D3]:
 
 def linear(colours: object) -> Bytes[*Axes, D3]:
     """Return colours as the scene's light is computed; sent as they are, they would look washed out."""
+    return np.rint(255 * light_of(colours)).astype(np.uint8)
+
+
+def light_of(colours: object) -> Floats[*Axes, D3]:
+    """Return how much light, 0 … 1, colours of 0 … 255 stand for (sRGB, IEC 61966-2-1)."""
     share = np.asarray(colours, dtype=float) / 255
-    low = share <= 0.04045
-    return np.rint(255 * np.where(low, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)).astype(
-        np.uint8
-    )
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
 
 
 KEPT = (240, 228, 66)

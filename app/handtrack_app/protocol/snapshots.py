@@ -117,9 +117,11 @@ class CloseSnapshot:
 # goes on
 
 
-PROBABILITY, VIEWS, MOVED = "probably off", "views", "changed mm"
-"""lanes: how probably a joint is 25 mm off; the views a frame's energy is of; how far the take that
-shows moved a joint from the one below it"""
+COST, ERROR, PROBABILITY, VIEWS, MOVED = "cost", "error mm", "probably off", "views", "changed mm"
+"""lanes: a frame's cost; the error against the truth; how probably a joint is 25 mm off; the views that the cost is of; how far the
+take that shows moved a joint from the one below it"""
+TERM = "cost: "
+"""before the words of a part of the cost: a lane, too"""
 
 
 @dataclass(frozen=True)
@@ -129,17 +131,12 @@ class TimelineSnapshot:
     start: int
     status: Ints[F]
     """contracts §5; −1 untracked"""
-    energy: Floats[F]
-    error_mm: Floats[F]
-    """NaN where unknown"""
-    by_hand: tuple[int, ...]
+    lanes: Mapping[str, Floats[F]]
+    """numbers by their words, NaN where unknown; those of which something is known"""
+    by_hand: tuple[int, ...] = ()
     """frames whose pose was given, by hand or by a search"""
-    terms: dict[str, Floats[F]] = field(default_factory=dict)
-    """the energy's parts in words"""
     found: tuple[int, ...] = ()
     """those of `by_hand` that a search gave"""
-    lanes: dict[str, Floats[F]] = field(default_factory=dict)
-    """other numbers by their words, NaN where unknown"""
     marked: Mapping[str, frozenset[int]] = field(default_factory=dict)
     """frames by the marks that the user has given them"""
     stretches: tuple[ReviewInterval, ...] = ()
@@ -169,10 +166,7 @@ class TimelineChange:
     """of the whole timeline"""
     row: Ints[N]
     status: Ints[N]
-    energy: Floats[N]
-    error_mm: Floats[N]
-    terms: dict[str, Floats[N]]
-    lanes: dict[str, Floats[N]] = field(default_factory=dict)
+    lanes: Mapping[str, Floats[N]]
 
     def over(self, strip: TimelineSnapshot) -> TimelineSnapshot:
         """Return a timeline with these rows; as it was if it is of other frames, as a whole one is on its way then."""
@@ -186,16 +180,8 @@ class TimelineChange:
             return whole
 
         unknown = np.full(count, np.nan)
-        return replace(
-            strip,
-            status=put(strip.status, self.status),
-            energy=put(strip.energy, self.energy),
-            error_mm=put(strip.error_mm, self.error_mm),
-            terms=strip.terms
-            | {word: put(strip.terms.get(word, unknown), new) for word, new in self.terms.items()},
-            lanes=strip.lanes
-            | {word: put(strip.lanes.get(word, unknown), new) for word, new in self.lanes.items()},
-        )
+        lanes = {word: put(strip.lanes.get(word, unknown), new) for word, new in self.lanes.items()}
+        return replace(strip, status=put(strip.status, self.status), lanes={**strip.lanes, **lanes})
 
 
 # ---- What the engine tells the page: snapshots, frozen and picklable, with no viser in them

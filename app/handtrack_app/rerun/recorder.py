@@ -31,10 +31,11 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack_app.protocol.snapshots import Notice, RerunPage
-from handtrack_app.rerun.stream import CameraPictures, RerunStream
+from handtrack_app.rerun.stream import DOTTED, Pictures, RerunStream, grey, signed_colours
 
 log = logging.getLogger(__name__)
 
+_UNSEEN = 40  # grey where nothing was measured: white is a residual of 0
 _BEHIND = 4  # frames waiting to be painted: the next goes without pictures
 _FULL_SIGMAS = (
     3.0  # where a residual's colour is full: hardly any of a normal distribution is beyond
@@ -201,31 +202,28 @@ class _Painter:
         self._last = self._terms.stage(self._terms.stages - 1, bones)
         self._term = next((term for term in self._last if isinstance(term, kinds)), None)
 
-    def pictures(self, params: Floats) -> tuple[CameraPictures, ...]:
+    def pictures(self, params: Floats) -> Pictures:
         """Return what each camera saw and what a pose (P,) predicts there; black and white beyond what counts."""
         bones = self._model.bones(params)
-        views = []
+        views = self._dotted(bones)
+        for name, image in self._images.items():
+            views.setdefault(name, {})["image"] = image
         for i, silhouette in enumerate(self._observation.silhouettes):
             counts = _within(self._terms.prepared[i].valid, silhouette.mask.shape[1])
             counts &= silhouette.mask >= 0
             mask = np.where(counts, silhouette.mask, 0.0)
-            predicted = residual = None
+            made = views.setdefault(silhouette.camera.name, {})
+            made["observed"] = grey(mask)
             if self._term is not None:
                 field = predicted_image(self._term, i, bones)
                 inside = self._inside if isinstance(self._term, ConicFieldTerm) else 1.0
-                predicted, residual = (
-                    -field,
-                    np.where(counts, residual_image(field, inside * mask), 0.0),
-                )
-            name = silhouette.camera.name
-            views.append(CameraPictures(name, mask, predicted, residual, self._images.get(name)))
-        seen, dotted = {view.camera for view in views}, self._dotted(bones)
-        others = [name for name in self._cameras if name not in seen]
-        views += [CameraPictures(name, image=self._images.get(name)) for name in others]
-        return tuple(replace(view, dots=dotted.get(view.camera, {})) for view in views)
+                made["predicted"] = grey(-field)
+                residual = np.where(counts, residual_image(field, inside * mask), 0.0)
+                made["residual"] = signed_colours(residual)
+        return views
 
-    def _dotted(self, bones: BonePoses) -> dict[str, dict[str, Floats]]:
-        """Return by camera and kind the residuals of clouds, edges and texture where they lie in its image."""
+    def _dotted(self, bones: BonePoses) -> Pictures:
+        """Return pictures of the residuals of clouds, edges and texture where they lie in each camera's image."""
         found: dict[str, dict[str, list[tuple[Floats, Floats]]]] = {}
         for term in self._last:
             for kind, points, sigmas in space_residuals(term, bones):
@@ -236,12 +234,13 @@ class _Painter:
                     kinds.setdefault(kind, []).append((pixels, sigmas[ahead]))
             for kind, camera, pixels, sigmas in image_residuals(term, bones):
                 found.setdefault(camera.name, {}).setdefault(kind, []).append((pixels, sigmas))
-        pictures: dict[str, dict[str, Floats]] = {}
+        pictures: Pictures = {}
         for name, kinds in found.items():
             for kind, parts in kinds.items():
                 pixels, sigmas = (np.concatenate(part) for part in zip(*parts, strict=True))
                 drawn = dots(self._cameras[name].size, pixels, sigmas / _FULL_SIGMAS)
-                pictures.setdefault(name, {})[kind] = drawn
+                colours = np.where(np.isnan(drawn)[..., None], _UNSEEN, signed_colours(drawn))
+                pictures.setdefault(name, {})[DOTTED + kind] = colours.astype(np.uint8)
         return pictures
 
     def overlap(self) -> dict[str, float]:

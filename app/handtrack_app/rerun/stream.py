@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Mapping, Sequence, Set
 from contextlib import suppress
-from dataclasses import dataclass, field
 from http.client import HTTPConnection
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -235,25 +234,14 @@ def free_ports(count: int) -> list[int]:
 
 
 _JPEG = 75
-_UNSEEN = 40  # grey where nothing was measured: white is a residual of 0
 _CLOSING_S = 15.0
 
 
-@dataclass(frozen=True, eq=False)
-class CameraPictures:
-    """What one camera saw and what the model predicts there."""
-
-    camera: str
-    observed: Floats[H, W] | Bytes[H, W] | None = None
-    """coverage by the hand, 0…1, or bytes 0…255"""
-    predicted: Floats[H, W] | Bytes[H, W] | None = None
-    """likewise"""
-    residual: Floats[H, W] | None = None
-    """signed, −1…1: observed − predicted"""
-    image: Bytes[H, W, D3] | None = None
-    """RGB, without its lens's distortion"""
-    dots: Mapping[str, Floats[H, W]] = field(default_factory=dict)
-    """residuals of clouds, edges and texture by kind: signed, full at −1 and 1, NaN where nothing was measured"""
+Pictures = dict[str, dict[str, Bytes[H, W, *Axes]]]
+"""by camera and kind: `image` without its lens's distortion, `observed` and `predicted` coverage by the hand, `residual` as
+`signed_colours`; and, of clouds, edges and texture, `residual_` and the kind
+"""
+DOTTED = "residual_"
 
 
 class RerunStream:
@@ -320,11 +308,9 @@ class RerunStream:
             recording.log("log", rr.TextLog(words, level="WARN"))
         self.results[result.frame] = result
 
-    def log_pictures(
-        self, pictures: tuple[CameraPictures, ...], overlap: Mapping[str, float]
-    ) -> None:
+    def log_pictures(self, pictures: Pictures, overlap: Mapping[str, float]) -> None:
         """Write what the cameras saw, and the overlap of model and mask, intersection over union by camera."""
-        kinds = {kind for view in pictures for kind in view.dots}
+        kinds = {kind for made in pictures.values() for kind in made if kind.startswith(DOTTED)}
         if not kinds <= self._kinds:
             self._kinds |= kinds
             self._recording.send_blueprint(_layout(self._kinds))
@@ -347,7 +333,7 @@ class RerunStream:
         iteration: int,
         energy: float,
         parameters: Mapping[str, float],
-        pictures: tuple[CameraPictures, ...],
+        pictures: Pictures,
     ) -> None:
         """Write a solver iteration of a frame that is looked at closely, and was written."""
         recording, root = self._recording, f"closely/frame_{frame}"
@@ -379,27 +365,16 @@ def _log_scalars(recording: RecordingStream, root: str, values: Mapping[str, flo
         recording.log(f"{root}/{name}", rr.Scalars(float(value)))
 
 
-def _log_pictures(
-    recording: RecordingStream, root: str, pictures: tuple[CameraPictures, ...]
-) -> None:
+def _log_pictures(recording: RecordingStream, root: str, pictures: Pictures) -> None:
     import rerun as rr
 
-    for view in pictures:
-        painted = {
-            "image": view.image,
-            "observed": None if view.observed is None else grey(view.observed),
-            "predicted": None if view.predicted is None else grey(view.predicted),
-            "residual": None if view.residual is None else signed_colours(view.residual),
-        }
-        for kind, picture in painted.items():
-            if picture is not None:
-                image = rr.Image(picture).compress(jpeg_quality=_JPEG)
-                recording.log(f"{root}/{view.camera}/{kind}", image)
-        for kind, values in view.dots.items():
-            colours = np.where(np.isnan(values)[..., None], _UNSEEN, signed_colours(values))
-            contents = cv2.imencode(".png", colours[..., ::-1].astype(np.uint8))[1].tobytes()
-            found = rr.EncodedImage(contents=contents, media_type="image/png")
-            recording.log(f"{root}/{view.camera}/residual_{kind}", found)
+    for camera, made in pictures.items():
+        for kind, picture in made.items():
+            image = rr.Image(picture).compress(jpeg_quality=_JPEG)
+            if kind.startswith(DOTTED):  # single pixels, which JPEG would blur
+                contents = cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
+                image = rr.EncodedImage(contents=contents, media_type="image/png")
+            recording.log(f"{root}/{camera}/{kind}", image)
 
 
 def grey(picture: Array[H, W]) -> Bytes[H, W]:
@@ -412,8 +387,7 @@ def grey(picture: Array[H, W]) -> Bytes[H, W]:
 def _layout(kinds: Set[str] = frozenset()) -> Blueprint:
     import rerun.blueprint as rrb
 
-    dotted = [f"residual_{kind}" for kind in sorted(kinds)]
-    shown = ("image", "residual", "observed", "predicted", *dotted)
+    shown = ("image", "residual", "observed", "predicted", *sorted(kinds))
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(

@@ -26,8 +26,8 @@ from handtrack_app.door.access import LARGEST_FILE, Door, open_door, show_in_bro
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
 from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.html import card, dress, escaped, picture, pictures, table, text
-from handtrack_app.page.page import put, remembered
-from handtrack_app.page.panels.view import KEPT_AS, SYSTEM, Taste, colours
+from handtrack_app.page.page import put
+from handtrack_app.page.panels.view import colours, welcome
 from handtrack_app.start.found_files import CALIBRATIONS, VIDEOS, FoundFiles, find_files
 from handtrack_app.start.import_progress import (
     PREVIEW,
@@ -141,16 +141,14 @@ class StartPage:
     def _add_cards(self, gui: viser.GuiApi) -> None:
         """Add a card for each recording that was opened last, and for each example; their pictures come by and by."""
         recent = recent_sessions()[:_RECENT]
-        cards = [(folder, "", partial(self.open, folder)) for folder in recent]
-        cards += [
-            (Path(name), "Example", partial(self._open_example, name)) for name in bundled_names()
-        ]
+        cards = [(folder.name, str(folder.parent), partial(Path, folder)) for folder in recent]
+        cards += [(name, "Example", partial(bundled_session, name)) for name in bundled_names()]
         shown = list[tuple[viser.GuiHtmlHandle, Callable[[], Path], str, str]]()
-        for folder, kind, act in cards:
-            find = partial(bundled_session, folder.name) if kind else partial(Path, folder)
-            one = gui.add_html(card(folder.name, (kind or str(folder.parent),)))
-            self._on(gui.add_button(f"Open {folder.name}", color="gray"), act)
-            shown.append((one, find, folder.name, kind or str(folder.parent)))
+        for name, where, find in cards:
+            one = gui.add_html(card(name, (where,)))
+            button = gui.add_button(f"Open {name}", color="gray")
+            self._on(button, lambda find=find: self.open(find()))
+            shown.append((one, find, name, where))
         self._draw(partial(self._draw_cards, shown))
 
     def _draw(self, work: Callable[[], None]) -> None:
@@ -170,9 +168,6 @@ class StartPage:
                 if self._ended.is_set():
                     return
                 shown.content = card(name, (where, words), "" if image is None else _picture(image))
-
-    def _open_example(self, name: str) -> None:
-        self.open(bundled_session(name))
 
     # ---- folders
 
@@ -458,14 +453,7 @@ class StartPage:
 
 def _welcome(client: viser.ClientHandle) -> None:
     """Give a page the colours that its browser remembers, else the system's."""
-    run_javascript(client, SYSTEM)
-
-    def begin(kept: str | None) -> None:
-        taste = Taste.read(kept)
-        if taste is not None:
-            colours(client.gui, taste.colours)
-
-    remembered(client, KEPT_AS, begin)
+    welcome(client, lambda taste: colours(client.gui, taste.colours))
 
 
 def _picture(image: Bytes[H, W, D3], name: str = "") -> str:

@@ -82,13 +82,13 @@ def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path):
     guesses = Guesses(document)
     guesses.keep([replace(c, model=small.model) for c in candidates(document.run, 5)])
     did(store, guesses.take(5, 0))
-    assert (document.model.scale, document.size_pending) == (HandScale(0.8), True)
+    assert (document.model.scale, document.size.pending) == (HandScale(0.8), True)
     assert document.decided_pose(5).found
     assert guesses.take(5, 1)(document.state).size is document.state.size, "of the same size"
     store.close()
     again = opened(tmp_path, size_pending=True)
     again.close()
-    assert (again.document.model.scale, again.document.size_pending) == (HandScale(0.8), True)
+    assert (again.document.model.scale, again.document.size.pending) == (HandScale(0.8), True)
     known = fake_document(tmp_path)  # its size is settled
     others = Guesses(known)
     others.keep([replace(c, model=small.model) for c in candidates(known.run, 5)])

@@ -33,7 +33,7 @@ def test_poses_and_settings_come_back_after_a_crash(tmp_path):
     again = opened(tmp_path)
     assert_array_equal(again.document.by_hand[5], values)
     assert again.document.run.settings.silhouettes.weight == 2.5
-    assert again.document.limits == {"index_mcp_flex": (0.0, 0.5)}
+    assert again.document.state.limits == {"index_mcp_flex": (0.0, 0.5)}
     assert again.document.state == store.document.state
     assert again.restore() == "Restored from last time: 1 pose set by hand, 2 changed settings."
 

@@ -71,7 +71,7 @@ def test_a_size_that_was_found_with_the_frames_comes_and_goes_with_their_take(
         takes = Store(worker.document.run.session.folder / "tracks").takes()
         scales = [json.loads(take.about.labels.scale)["overall"] for take in takes]
         assert scales == [live.overall, 1.07]
-        assert worker.document.live_scale == live
+        assert worker.document.size.live == live
         told = whole_track(worker.document).refinement
         assert told is not None and Refinement.read(told).scale == HandScale(1.07)
         assert takes[1].about.labels.refinement == told

@@ -95,7 +95,7 @@ def test_a_change_and_its_fit_are_one_step(worker, listener, bends):
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
     assert _bend(worker) == pytest.approx(0.3)
     assert not worker.document.keyframes(range(12)), "tracking solves it anew"
-    assert worker.document.guides(range(12)).keys() == {3}
+    assert worker.document.keyframes(range(12), is_led=True).keys() == {3}
     worker.engine.look_before(True)
     looked = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == snapshots.BEFORE)
     assert_allclose(looked.values, before, atol=1e-9)

@@ -207,7 +207,7 @@ def test_the_size_is_fitted_after_tracking_and_offered(sized_later):
     eventually(lambda: _finished(listener) == 2, "everything is tracked again")
     document = worker.document
     assert document.run.scale == HandScale(1.1)
-    assert (document.size_pending, document.offered_scale) == (False, None)
+    assert (document.size.pending, document.offered_scale) == (False, None)
     assert sorted(document.results) == [f for f in range(FRAMES) if f != 8]
     index = document.model.parameter_names.index("index_mcp_flex")
     assert document.by_hand[8][index] == pytest.approx(0.3), "a pose set by hand is not lost"

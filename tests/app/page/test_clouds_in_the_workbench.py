@@ -39,18 +39,24 @@ def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk):
     assert (cloud.colors == np.uint8(SKIN)).all()
 
 
+def terms_of(strip):
+    known = strip.lanes.items()
+    return {n.removeprefix(snapshots.TERM): v for n, v in known if n.startswith(snapshots.TERM)}
+
+
 def test_the_energys_parts_are_on_the_timeline_and_come_back(desk):
     worker, listener, folder = desk
     worker.engine.track(0, 2, 0)
     listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
     strip = [s for s in listener.seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
-    assert {"cloud→model", "model→cloud", "priors"} <= set(strip.terms)
-    total = np.sum([np.nan_to_num(part) for part in strip.terms.values()], axis=0)
-    assert_allclose(total[:2], strip.energy[:2], rtol=1e-6)
+    terms = terms_of(strip)
+    assert {"cloud→model", "model→cloud", "priors"} <= set(terms)
+    total = np.sum([np.nan_to_num(part) for part in terms.values()], axis=0)
+    assert_allclose(total[:2], strip.lanes[snapshots.COST][:2], rtol=1e-6)
     worker.stop()
     second, again = working(folder)
-    back = again.wait(snapshots.TimelineSnapshot, lambda s: bool(s.terms))
-    assert_allclose(back.terms["cloud→model"], strip.terms["cloud→model"])
+    back = again.wait(snapshots.TimelineSnapshot, lambda s: bool(terms_of(s)))
+    assert_allclose(terms_of(back)["cloud→model"], terms["cloud→model"])
     second.stop()
 
 

@@ -87,7 +87,7 @@ def test_the_queue_goes_on_and_around(bench):
     review, state = bench.layout.review, bench.state
     strip = review.strip
     cards = (_card(5, 6), _card(1, 3), _card(9, 9))
-    review.show_timeline(TimelineSnapshot(0, strip.status, strip.energy, strip.error_mm, (), stretches=cards))  # fmt: skip
+    review.show_timeline(TimelineSnapshot(0, strip.status, strip.lanes, stretches=cards))
     seen = []
     for by in (1, 1, 1, 1, -1, -1):
         review.step(by)

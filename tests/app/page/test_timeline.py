@@ -19,7 +19,7 @@ from handtrack_app.page.panels.tracking import nearest_posed
 from handtrack_app.page.time.lanes import Window, lanes_of, lanes_picture, whole
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.palette import STATUS
-from handtrack_app.protocol.snapshots import Curve, CurvesSnapshot, ScoreSnapshot
+from handtrack_app.protocol.snapshots import COST, ERROR, TERM, Curve, CurvesSnapshot, ScoreSnapshot
 from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed, tracked
 from tests.app.page.test_review_panel import _tracked
@@ -44,8 +44,7 @@ def test_the_window_goes_along_with_the_frame_shown():
 
 
 def _strip(**changed):
-    none = np.full(4, np.nan)
-    return replace(snapshots.TimelineSnapshot(10, np.full(4, -1), none, none, ()), **changed)
+    return replace(snapshots.TimelineSnapshot(10, np.full(4, -1), {}), **changed)
 
 
 def timeline_picture(strip):
@@ -56,7 +55,7 @@ def timeline_picture(strip):
 def test_of_frames_drawn_in_one_place_the_worst_is_seen():
     status = np.zeros(20_000, int)
     status[1234] = 2
-    strip = _strip(start=0, status=status, energy=np.where(status == 2, 7.0, 1.0))
+    strip = _strip(start=0, status=status, lanes={COST: np.where(status == 2, 7.0, 1.0)})
     assert STATUS[2][1] in timeline_picture(strip).partition("<svg")[2]
 
 
@@ -64,15 +63,13 @@ def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path):
     document = fake_document(tmp_path)
     moved = document.start + np.eye(26)[0] * 0.01
     document.apply(pose_edit(document, 5, moved.tolist()))
-    error = timeline_snapshot(document).error_mm
+    error = timeline_snapshot(document).lanes[ERROR]
     assert error[5] == pytest.approx(10.0)
     assert np.isnan(error[6])
 
 
 def test_a_range_is_tracked_from_the_nearest_pose_of_its_own():
-    strip = snapshots.TimelineSnapshot(
-        10, np.full(20, -1), np.full(20, np.nan), np.full(20, np.nan), (15,)
-    )
+    strip = snapshots.TimelineSnapshot(10, np.full(20, -1), {}, (15,))
     assert nearest_posed(strip, 12, 25, 24) == 15, "nothing is tracked at the frame shown"
     assert nearest_posed(strip, 16, 25, 24) == 24
     assert nearest_posed(replace(strip, by_hand=()), 12, 25, 3) == 12
@@ -157,8 +154,9 @@ def test_a18_what_is_told_of_the_timeline_adds_up_to_the_whole(tmp_path):
         take.put(replace(result(frame, document.model.rest_params(), 0), energies={"rest": 2.0}), None)  # fmt: skip
         strip = timeline_change(document).over(strip)
     whole = timeline_snapshot(document)
-    for name in ("status", "energy", "error_mm"):
-        assert_array_equal(getattr(strip, name), getattr(whole, name))
-    assert_array_equal(strip.terms["priors"], whole.terms["priors"])
+    assert_array_equal(strip.status, whole.status)
+    assert {COST, ERROR, f"{TERM}priors"} <= set(whole.lanes)
+    for name, row in whole.lanes.items():
+        assert_array_equal(strip.lanes[name], row)
     other = replace(timeline_change(document), frames=range(99))
     assert other.over(strip) is strip, "of a recording that is counted anew meanwhile"

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from handtrack import Camera
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.engine.document_snapshots import session_snapshot
-from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up, smaller
+from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up
 from handtrack_app.page.scene import looking
 from handtrack_app.page.scene import viewpoint as vp
 from handtrack_app.page.scene.looking import CLOSE, plane_of
@@ -273,5 +273,5 @@ def test_a_smaller_camera_sees_the_same():
     matrix = np.array([[600.0, 0, 321.5], [0, 610.0, 238.0], [0, 0, 1]])
     camera = Camera("c", (640, 480), matrix, np.zeros(5), np.eye(3), np.array([0.0, 0, 0.5]))
     point = np.array([0.03, -0.02, 0.1])
-    half = smaller(camera, 320, 240).project(point)
+    half = camera.scaled((320, 240)).project(point)
     assert_allclose(half, (camera.project(point) + 0.5) / 2 - 0.5, atol=1e-9)

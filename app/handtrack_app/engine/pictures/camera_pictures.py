@@ -37,15 +37,6 @@ _KEPT = 24  # undistorted images kept in memory
 _DARK, _LIGHT = 26, 150  # grey of a silhouette's background and hand, where a camera has no image
 
 
-def smaller(camera: Camera, width: int, height: int) -> Camera:
-    """Return the undistorted camera of a picture brought to another size."""
-    factor = np.array([width / camera.size[0], height / camera.size[1]])
-    matrix = camera.matrix.copy()
-    matrix[0, 0], matrix[1, 1] = factor * (matrix[0, 0], matrix[1, 1])
-    matrix[:2, 2] = factor * (matrix[:2, 2] + 0.5) - 0.5  # pixel centres have whole coordinates
-    return replace(camera.without_distortion(), size=(width, height), matrix=matrix)
-
-
 def shrunk(image: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
     """Return an image no higher than a frustum's."""
     height, width = image.shape[:2]
@@ -58,14 +49,6 @@ def as_wide(image: Bytes[H, W, D3], width: int) -> Bytes[H, W, D3]:
     """Return an image of another width [px]."""
     size = (width, max(round(width * image.shape[0] / image.shape[1]), 1))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)  # type: ignore[return-value]
-
-
-def _depth(session: Session, name: str, frame: int) -> Array | None:
-    """Return what a depth camera gave (H, W) [m]; None where it is none, or its lens would have to be undone."""
-    for view in session.views:
-        if view.name == name and view.depth is not None and not view.camera.is_distorted:
-            return view.depth_m(frame)
-    return None
 
 
 class CameraPictures:
@@ -104,9 +87,8 @@ class CameraPictures:
         small = shrunk(image)
         if paint == "plain":
             return small
-        return outline_picture(
-            small, smaller(self.camera(name), small.shape[1], small.shape[0]), flesh
-        )
+        camera = self.camera(name).without_distortion().scaled((small.shape[1], small.shape[0]))
+        return outline_picture(small, camera, flesh)
 
     def screen(
         self,
@@ -135,19 +117,20 @@ class CameraPictures:
         return image
 
     def _read(self, name: str, frame: int) -> Bytes:
-        camera = self.camera(name)
-        bgr = self._session.image(name, frame)
+        view = self._session.view(name)
+        bgr = view.image(frame)
         if bgr is not None:
             return self.straight(name, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))  # type: ignore[return-value]
-        depth = _depth(self._session, name, frame)
-        if depth is not None:
-            return depth_picture(depth)
-        for silhouette in self._session.observation(frame, cloud=False).silhouettes:
-            if silhouette.camera.name == name:
-                shade = np.where(silhouette.mask < 0, 0.5, silhouette.mask)
-                grey = _DARK + (_LIGHT - _DARK) * shade
-                return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
-        width, height = camera.size
+        if view.depth is not None and not view.camera.is_distorted:
+            depth = view.depth_m(frame)
+            if depth is not None:
+                return depth_picture(depth)
+        silhouette = view.silhouette(frame)
+        if silhouette is not None:
+            shade = np.where(silhouette.mask < 0, 0.5, silhouette.mask)
+            grey = _DARK + (_LIGHT - _DARK) * shade
+            return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+        width, height = view.camera.size
         return np.full((height, width, 3), _DARK, np.uint8)
 
     def _undistortion(self, camera: Camera) -> tuple[Array, Array] | None:

@@ -149,7 +149,8 @@ class Persistence:
     """pins.json as it was written here"""
     said: tuple[str, int] | None = None
     """whose command is served, and its number"""
-    _tag: str = ""
+    tag: str = ""
+    """of the control that was moved last: what follows with it is one step"""
     _when: float = 0.0
     _first_waits: float | None = None
     """since when an edit waits to be written; None: none does, or what does was told"""
@@ -164,13 +165,12 @@ class Persistence:
         folder = document.run.session.folder / TRACKS_FOLDER
         try:
             store = WritableStore(folder, PROGRAM, take_over)
-        except LeaseTaken as error:
-            told = f"{error} Here it can be looked at; nothing is saved."
-            return cls(document, None, Store(folder).history(), told)
-        except HandtrackError as error:
-            return cls(document, None, Store(folder).history(), str(error))
-        except OSError as error:
-            told = f"{folder}: {_UNWRITABLE} ({error.strerror})."
+        except (HandtrackError, OSError) as error:
+            told = str(error)
+            if isinstance(error, LeaseTaken):
+                told += " Here it can be looked at; nothing is saved."
+            elif isinstance(error, OSError):
+                told = f"{folder}: {_UNWRITABLE} ({error.strerror})."
             return cls(document, None, Store(folder).history(), told)
         for ours in (folder, folder.parent):
             remove_abandoned(ours)  # the lease is ours: nobody else writes there
@@ -217,9 +217,9 @@ class Persistence:
         document.become(state.having(read({change.key: change.after for change in changes})))
         now = time.monotonic()
         soon = is_stroke or now - self._when < _MERGE_S
-        follows = bool(tag) and tag == self._tag and soon
+        follows = bool(tag) and tag == self.tag and soon
         if kind == DO:
-            self._tag, self._when = tag, now
+            self.tag, self._when = tag, now
         last = self._unwritten[-1] if follows and self._unwritten else None
         if last is not None and last.kind == DO:
             whole = merged([last, Action(last.id, DO, words, tuple(changes))])
@@ -246,7 +246,7 @@ class Persistence:
             raise HandtrackError(_FIXED)
         self.document.become(self.document.state.having(after))
         self._take_action(action)
-        self._tag = ""
+        self.tag = ""
         self._settle()
         return action
 
@@ -301,11 +301,6 @@ class Persistence:
                     self._pins_text = session.pins.write(self._pins_text)
                 self.store.write(self._unwritten[0])
             del self._unwritten[0]
-
-    @property
-    def tag(self) -> str:
-        """Of the control that was moved last: what follows with it is one step."""
-        return self._tag
 
     @property
     def is_saved(self) -> bool:
@@ -389,12 +384,14 @@ class Persistence:
         under = resolved(document.state.spans, document.takes.frames_of)
         laid = [decide(spans=(*under, span))]
         given_way = {take.first} & take.shelf.keys()
-        given_way |= document.guides(take.frames).keys() - document.accepted  # solved again
+        given_way |= (
+            document.keyframes(take.frames, is_led=True).keys() - document.accepted
+        )  # solved again
         laid.append(decide(pose=dict.fromkeys(given_way & document.by_hand.keys())))
         many = f"frames {take.frames.start} to {take.frames.stop - 1}"
         if take.is_refined:
             if take.scale is not None:
-                laid.append(edits.size(take.scale, live=document.live_scale or document.run.scale))
+                laid.append(edits.size(take.scale, live=document.size.live or document.run.scale))
             self.do(f"Refining of {many}", in_turn(*laid))
             return
         words = f"frame {take.first}" if len(take.frames) == 1 else many

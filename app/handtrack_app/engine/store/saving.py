@@ -29,7 +29,7 @@ def save_first_pose(store: Persistence) -> str:
     try:
         said = _keep_hand_size(store)
         keep_version(path)
-        size = document.run.scale if document.size_pending else None
+        size = document.run.scale if document.size.pending else None
         pose = FirstPose(document.frame, values, scale=size)
         write_first_pose(path, pose)
     except OSError as error:
@@ -43,7 +43,7 @@ def save_first_pose(store: Persistence) -> str:
 def _keep_hand_size(store: Persistence) -> str:
     """A size that was fitted from the first pose of before belongs to it: it gets its own file."""
     run, path = store.document.run, store.folder / SESSION_FILE
-    if store.document.size_pending or not path.is_file():
+    if store.document.size.pending or not path.is_file():
         return ""
     hand = read_toml(path, _SETTINGS).get("hand")
     if not isinstance(hand, dict) or hand.get("scale") != "fit":

@@ -37,6 +37,7 @@ from handtrack_app.protocol.palette import (
     PINNED,
     REFITTED,
     STATUS,
+    light_of,
 )
 from handtrack_app.protocol.snapshots import (
     BEFORE,
@@ -344,9 +345,7 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
 
 def ink_on(ground: Sequence[int] | Floats[D3]) -> str:
     """Return the text's colour on a ground of red, green and blue, 0 … 255: one of the two has a contrast above 4.5 (WCAG 2.2)."""
-    share = np.asarray(ground) / 255.0
-    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    return "#000" if linear @ (0.2126, 0.7152, 0.0722) > 0.179 else "#fff"
+    return "#000" if light_of(ground) @ (0.2126, 0.7152, 0.0722) > 0.179 else "#fff"
 
 
 def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
@@ -553,8 +552,8 @@ class CopyPanel:
             "Copies the pose you see; pastes its joints into the frame shown, also of another recording. Alt C, Alt V.",
         )  # fmt: skip
         self.line = page.gui.add_html("")
-        page.key("Copy the pose", "C", self.copy, "alt")
-        page.key("Paste the pose that was copied", "V", self.paste, "alt")
+        page.key("Copy the pose", "alt+C", self.copy)
+        page.key("Paste the pose that was copied", "alt+V", self.paste)
         self._say()
 
     def copy(self) -> None:
@@ -626,7 +625,7 @@ class PinPanel:
             )  # fmt: skip
         page.key("Drop the last pin", "Backspace", self._drop_last)
         fit_or_keep = "Pins: fit other joints to the images, or keep them"
-        page.key(fit_or_keep, "X", self._switch, "shift")
+        page.key(fit_or_keep, "shift+X", self._switch)
 
     def show(self, pose: PoseSnapshot, score: ScoreSnapshot | None) -> None:
         """Show the pins of a frame. score: of this pose, or None while it is not known."""

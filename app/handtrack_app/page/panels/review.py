@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import viser
 
+from handtrack.arrays import number_runs
 from handtrack.diagnostics.review import ReviewInterval
 from handtrack.store.spans import Span
 from handtrack_app.page.html import card, picture, text
@@ -80,10 +81,10 @@ class ReviewPanel:
                 self.cards.append(gui.add_html("", visible=False))
                 self.rows.append(page.button("–", partial(self._chosen, n), visible=False))
             self.more = gui.add_html("")
-        page.key("Review: next in the queue", "Z", partial(self.step, 1), "shift")
-        page.key("Review: previous in the queue", "U", partial(self.step, -1), "shift")
-        page.key("Review: accept and next", "Y", partial(self.do_accept, ""), "shift")
-        page.key("Review: release the frame", None, partial(self.let_go, "Frame"))
+        page.key("Review: next in the queue", "shift+Z", partial(self.step, 1))
+        page.key("Review: previous in the queue", "shift+U", partial(self.step, -1))
+        page.key("Review: accept and next", "shift+Y", partial(self.do_accept, ""))
+        page.key("Review: release the frame", "", partial(self.let_go, "Frame"))
 
     # ---- the queue
 
@@ -289,14 +290,7 @@ def here_words(frame: int, accepted: bool, stretch: ReviewInterval | None) -> st
 def undoubted(strip: TimelineSnapshot) -> list[tuple[int, int]]:
     """Return runs of frames, first to last, that are tracked well or set by hand."""
     good = {strip.start + n for n, code in enumerate(strip.status.tolist()) if code in (0, 3, 4)}
-    good |= set(strip.by_hand)
-    runs: list[tuple[int, int]] = []
-    for frame in sorted(good):
-        if runs and runs[-1][1] == frame - 1:
-            runs[-1] = runs[-1][0], frame
-        else:
-            runs.append((frame, frame))
-    return runs
+    return [(first, stop - 1) for first, stop in number_runs(good.union(strip.by_hand))]
 
 
 # ---- The one next step of the work, as a sentence and a button over the timeline: detect, track, go on, review,
@@ -320,11 +314,9 @@ class NextStep:
     def __post_init__(self) -> None:
         gui = self.page.gui
         self.words = gui.add_html("", visible=False)
-        self.button = self.page.button("Next", self._press, color=None, visible=False, by_page=True)
-
-    def _press(self, client: viser.ClientHandle) -> None:
-        if self.step is not None:
-            self.step[2](client)
+        self.button = self.page.button(
+            "Next", lambda client: self.step and self.step[2](client), color=None, visible=False, by_page=True
+        )  # fmt: skip
 
     def show(self) -> None:
         """Offer the step that the recording's state calls for; none while something runs."""

@@ -467,7 +467,7 @@ class RefitSwitch:
     boxes: list[viser.GuiCheckboxHandle] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.page.key("Refit while tuning: on, off", "R", lambda: self.turn(not self.on), "alt")
+        self.page.key("Refit while tuning: on, off", "alt+R", lambda: self.turn(not self.on))
 
     def build(self) -> None:
         """Add a switch where the page builds now."""

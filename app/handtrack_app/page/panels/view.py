@@ -13,7 +13,7 @@ import viser
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import picture, pictures
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Page, put, remembered
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.looking import ALL, Looking, Through
 from handtrack_app.page.scene.stage import Stage
@@ -263,6 +263,12 @@ def colours(gui: viser.GuiApi, chosen: str = DARK) -> None:
     )  # fmt: skip
 
 
+def welcome(client: viser.ClientHandle, apply: Callable[[Taste], None]) -> None:
+    """Lay a page out as its browser remembers; one that remembers nothing has the system's colours."""
+    internals.run_javascript(client, SYSTEM)
+    remembered(client, KEPT_AS, lambda kept: (taste := Taste.read(kept)) and apply(taste))
+
+
 @dataclass
 class Room:
     """The pages' tastes."""
@@ -274,18 +280,11 @@ class Room:
     def __post_init__(self) -> None:
         """Add the keys."""
         self.page.key("Hide or show the panel", "T", self.fold, by_page=True)
-        self.page.key("Light or dark", None, self.turn_light, by_page=True)
+        self.page.key("Light or dark", "", self.turn_light, by_page=True)
 
     def welcome(self, client: viser.ClientHandle) -> None:
         """Lay a page out as its browser remembers; else in the system's colours."""
-        internals.run_javascript(client, SYSTEM)
-
-        def begin(kept: str | None) -> None:
-            taste = Taste.read(kept)
-            if taste is not None:
-                self._apply(client, taste)
-
-        self.page.remembered(client, KEPT_AS, begin)
+        welcome(client, lambda taste: self._apply(client, taste))
 
     def fold(self, client: viser.ClientHandle, folded: bool | None = None) -> None:
         """Hide the panel, or show a hidden one."""

@@ -356,8 +356,12 @@ class Views:
         with self._lock:
             self._through = self._page.present(self._through)
             if self._through.pop(client.client_id, None) is not None:
-                internals.send(client, internals.SetCameraMaxOrbitDistanceMessage(_FREE_M[1]))
-                internals.send(client, internals.SetCameraMinOrbitDistanceMessage(_FREE_M[0]))
+                internals.send(
+                    client, internals.messages.SetCameraMaxOrbitDistanceMessage(_FREE_M[1])
+                )
+                internals.send(
+                    client, internals.messages.SetCameraMinOrbitDistanceMessage(_FREE_M[0])
+                )
                 self.changed(client, None)
 
     def show_hand(self, points: Floats[N, D3], radii: Floats[N]) -> None:
@@ -442,7 +446,7 @@ class Views:
                 return  # half of what it was told: the other half comes with the next frame that it draws
             self._take(client, through, way, near)
             if abs(camera.fov - through.eye.fov) > 1e-5:
-                internals.send(client, internals.SetCameraFovMessage(through.eye.fov))
+                internals.send(client, internals.messages.SetCameraFovMessage(through.eye.fov))
 
     def _take(
         self, client: viser.ClientHandle, through: Through, way: Floats[D3], near: float

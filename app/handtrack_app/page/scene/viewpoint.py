@@ -45,7 +45,8 @@ def hand_view(session: SessionSnapshot, hand: Floats[D3], everything: bool = Fal
     """
     frusta = [frustum_corners(card, hand) for card in session.cameras]
     images = [corners[1:] for corners in frusta] if everything else []
-    points = np.concatenate([hand + session.reach_m * _corners(), *images])
+    around = session.reach_m * np.array(list(product((-1.0, 1.0), repeat=3)))
+    points = np.concatenate([hand + around, *images])
     up = upward(session)
     tried = list[tuple[float, Viewpoint]]()
     for raised, turn in product(_RAISES, np.deg2rad([*_TURNS])):
@@ -107,10 +108,6 @@ def frustum_corners(card: Camera, hand: Floats[D3]) -> Floats[D5, D3]:
     return card.centre + deep * np.array(corners) @ card.rotation
 
 
-def _corners() -> Floats:
-    return np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-
-
 def _axes(
     session: SessionSnapshot, hand: Floats, up: Floats, raised: float, turn: float = 0.0
 ) -> Floats[D3, D3]:
@@ -167,14 +164,14 @@ def look_from(
         (float(x), float(y), float(z)) for x, y, z in (view.up, view.position, view.look_at)
     )
     messages: list[internals.Message] = [
-        internals.SetCameraUpDirectionMessage(up),
-        internals.SetCameraPositionMessage(position),
-        internals.SetCameraLookAtMessage(target),
-        internals.SetCameraFovMessage(view.fov),  # a page answers to this one: last
+        internals.messages.SetCameraUpDirectionMessage(up),
+        internals.messages.SetCameraPositionMessage(position),
+        internals.messages.SetCameraLookAtMessage(target),
+        internals.messages.SetCameraFovMessage(view.fov),  # a page answers to this one: last
     ]
     if near is not None:
-        messages.insert(0, internals.SetCameraMinOrbitDistanceMessage(near[0]))
-        messages.insert(-1, internals.SetCameraMaxOrbitDistanceMessage(near[1]))
+        messages.insert(0, internals.messages.SetCameraMinOrbitDistanceMessage(near[0]))
+        messages.insert(-1, internals.messages.SetCameraMaxOrbitDistanceMessage(near[1]))
     with client.atomic():
         for message in messages:
             internals.send(client, message)

@@ -14,8 +14,11 @@ from handtrack_app.page.html import chip
 from handtrack_app.page.panels.pose import status_of
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
 from handtrack_app.protocol.snapshots import (
+    COST,
+    ERROR,
     MOVED,
     PROBABILITY,
+    TERM,
     VIEWS,
     PoseSnapshot,
     TimelineSnapshot,
@@ -158,17 +161,12 @@ def _of_poses(strip: TimelineSnapshot) -> TimelineSnapshot:
     rows = [f - strip.start for f in strip.by_hand if 0 <= f - strip.start < len(strip.status)]
     if not rows:
         return strip
-    status, energy = strip.status.copy(), strip.energy.copy()
-    status[rows], energy[rows] = 3, np.nan
+    status, lanes = strip.status.copy(), {name: row.copy() for name, row in strip.lanes.items()}
+    status[rows] = 3
     status[[f - strip.start for f in strip.found if f - strip.start in rows]] = _FOUND
-    terms, lanes = ({name: _without(row, rows) for name, row in kept.items()} for kept in (strip.terms, strip.lanes))  # fmt: skip
-    return replace(strip, status=status, energy=energy, terms=terms, lanes=lanes)
-
-
-def _without(values: Floats[N], rows: list[int]) -> Floats[N]:
-    left = np.asarray(values, dtype=float).copy()
-    left[rows] = np.nan
-    return left
+    for name in lanes.keys() - {ERROR}:
+        lanes[name][rows] = np.nan
+    return replace(strip, status=status, lanes=lanes)
 
 
 def lanes_picture(
@@ -231,9 +229,11 @@ def cursor_picture(lanes: Sequence[Lane], frame: int, pose: PoseSnapshot | None 
 
 def _main_curve(strip: TimelineSnapshot) -> tuple[Floats[N], str, str]:
     """Return the values of the first lane, what they are, and their unit."""
-    if np.isfinite(strip.error_mm).any():
-        return strip.error_mm, "joint error", "mm"
-    return strip.energy, "cost", ""
+    none = np.full(len(strip.status), np.nan)
+    errors = strip.lanes.get(ERROR, none)
+    if np.isfinite(errors).any():
+        return errors, "joint error", "mm"
+    return strip.lanes.get(COST, none), "cost", ""
 
 
 def _curve_lane(
@@ -318,7 +318,8 @@ def _term_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
 def term_rows(strip: TimelineSnapshot) -> dict[str, Floats[N]]:
     """Return the energy's parts by their words, in order; none where only silhouettes were looked at."""
     tracked = int((strip.status >= 0).sum())
-    terms = {n: v for n, v in strip.terms.items() if np.isfinite(v).sum() > min(tracked - 1, 1)}
+    parts = {n.removeprefix(TERM): v for n, v in strip.lanes.items() if n.startswith(TERM)}
+    terms = {n: v for n, v in parts.items() if np.isfinite(v).sum() > min(tracked - 1, 1)}
     seen = [name for name in terms if name != "priors"]
     if len(seen) < 2 and not {"cloud→model", "lines of sight"} & set(seen):
         return {}

@@ -60,8 +60,8 @@ class TimelinePanel:
                 "Speed", _SPEEDS, partial(setattr, page.state, "speed"), now="1×"
             )
         page.on(self.slider, lambda _, frame: page.go_to(frame))
-        page.key("Timeline: fewer frames", "F", partial(self.look_closer, _ZOOM[0]), "shift")
-        page.key("Timeline: more frames", "G", partial(self.look_closer, _ZOOM[1]), "shift")
+        page.key("Timeline: fewer frames", "shift+F", partial(self.look_closer, _ZOOM[0]))
+        page.key("Timeline: more frames", "shift+G", partial(self.look_closer, _ZOOM[1]))
 
     def _pressed(self, key: str) -> None:
         state = self.page.state
