@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
 from handtrack.model.size import hand_length_mm, is_unmeasured, unmeasured_size, without_forearm_end
 from handtrack.observation.observation import Keypoints, Observation
+from handtrack.parallel import in_parallel
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import (
@@ -616,11 +618,9 @@ def size_of_frames(
     results = [result for result in results if result.status != Status.LOST]
     for step in range(_ROUNDS):
         if step or any(not result.energies for result in results):
-            results = [
-                _assessed(run, one)
-                for one in (results[i] for i in evenly_spread(len(results), 2 * most))
-                if not stop()
-            ]
+            some = [results[i] for i in evenly_spread(len(results), 2 * most)]
+            assessed = partial(_assessed, run, stop)
+            results = [one for one in in_parallel(assessed, some) if one is not None]
         chosen = _unlike(results, most)
         if stop() or not chosen or {result.frame for result in chosen} <= used:
             break
@@ -650,8 +650,12 @@ def size_of_frames(
     return scale
 
 
-def _assessed(run: TrackingRun, result: FrameResult) -> FrameResult:
-    """Return a frame alone at the pose of this person nearest to that it had, and how sure it is."""
+def _assessed(
+    run: TrackingRun, should_stop: Callable[[], bool], result: FrameResult
+) -> FrameResult | None:
+    """Return a frame alone at the pose of this person nearest to that it had, and how sure it is; None when stopped."""
+    if should_stop():
+        return None
     start = run.model.clipped(run.model.transform.solver_params(result.parameters))
     tracker = Tracker(run.model, run.settings)
     return tracker.step_without_search(

@@ -13,11 +13,12 @@ from handtrack.arrays import D2, Array, F, Floats, K, N, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters
+from handtrack.parallel import in_parallel
 from handtrack.solver.block_banded import BlockBanded, Bordered
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.size.cameras import CameraChanges, velocities
-from handtrack.tracking.size.frame_systems import FrameProblem, FrameSystems
+from handtrack.tracking.size.frame_systems import FrameProblem, FrameSystem, FrameSystems
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.shared import Shared
@@ -44,6 +45,8 @@ _LONGEST = 2.0
 """times as long as Gauss and Newton's a step may be, where the one before found the cost to curve less than the system says. Robust losses
 are taken by the parabolas above them: up to twice the way to a parabola's minimum costs no more than none (de Leeuw and Heiser 1980)"""
 _AT_LIMIT = _RIDGE = 1e-9
+_LINEARIZED = 16
+"""frames at once on all cores; between them it may be stopped"""
 _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
 """share of a frame that is new. Of what they share, all frames together tell as much as one: what a model's flesh is off by,
 they share too, and so many pixels would take it for the cameras'. What is known of these weighs as many times as there are frames;
@@ -204,14 +207,19 @@ def estimate_whole(
         views = [cameras.seen_poses(k, poses, speed) for k in range(len(cameras.cameras))]
         systems = FrameSystems.empty(*poses.shape, shared.count) if ahead is None else ahead
         stands = np.zeros(len(frames), bool) if ahead is None else ahead.extrapolated < _ENOUGH
+
+        def linearized(n: int) -> FrameSystem:
+            return evidence.of(frames[n]).linearize(poses[n], views, n, person)
+
         # to and fro: of a long recording the frames that were read last are still in memory
-        order = range(len(frames)) if sweep % 2 == 0 else range(len(frames) - 1, -1, -1)
-        for count, n in enumerate(order, start=1):
+        order = np.flatnonzero(~stands)[:: 1 if sweep % 2 == 0 else -1].tolist()
+        for first in range(0, len(order), _LINEARIZED):
             if should_stop():
                 raise _StoppedError
-            if not stands[n]:
-                systems.put(n, evidence.of(frames[n]).linearize(poses[n], views, n, person))
-            tell((sweep + count / len(frames)) / (sweeps + 1))
+            some = order[first : first + _LINEARIZED]
+            for n, system in zip(some, in_parallel(linearized, some), strict=True):
+                systems.put(n, system)
+            tell((sweep + (first + len(some)) / len(order)) / (sweeps + 1))
         return _Swept(model, poses, shared, alike, systems)
 
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -11,6 +11,7 @@ import numpy as np
 from handtrack.arrays import Array, F, Floats, P, runs
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_changes import changes, moved
+from handtrack.parallel import in_parallel
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.assessment import assess, energy_ratio
 from handtrack.tracking.frame.control import Control
@@ -77,10 +78,12 @@ class ModeSearch:
         firm = np.array([result.status != Status.LOST for result in self.tracked])
         doubted = self._doubted()
         for n, apart in enumerate(self._apart(firm, doubted), 1):
-            if apart and firm[n]:
-                self._carry(n, -1, self._pose(n), self._speed(n, 1, firm))
-            if apart and firm[n - 1]:
-                self._carry(n - 1, 1, self._pose(n - 1), self._speed(n - 1, -1, firm))
+            ways = [(n, -1), (n - 1, 1)] if apart else []
+            self._carry(
+                (at, way, self._pose(at), self._speed(at, -way, firm))
+                for at, way in ways
+                if firm[at]
+            )
         for n in _spread(doubted & firm):
             self._try_fingers(n)
         usual = Trellis(self.minima, self.motion.process_noise)
@@ -164,7 +167,11 @@ class ModeSearch:
         usual = np.sqrt(np.diag(self.motion.process_noise))
         return step if (np.abs(step) < _SURPRISING * usual).all() else np.zeros_like(step)
 
-    def _carry(self, n: int, towards: int, pose: Floats[P], speed: Floats[P]) -> None:
+    def _carry(self, starts: Iterable[tuple[int, int, Floats[P], Floats[P]]]) -> None:
+        """Carry poses on, from each frame one way with a speed; ways that part share no frame."""
+        in_parallel(lambda start: self._carry_on(*start), starts)
+
+    def _carry_on(self, n: int, towards: int, pose: Floats[P], speed: Floats[P]) -> None:
         """Add the minima to which a pose leads, frame after frame, until it meets those that are known."""
         met, worse = 0, 0.0
         for other in range(n + towards, n + towards * (_FAR + 1), towards):
@@ -233,16 +240,16 @@ class ModeSearch:
         starts = [start for _, start in finger_grid(far, pose, _TRIED)]
         cameras = [prepared.camera for prepared in frame.terms.prepared]
         flips = sorted(flipped_fingers(model, cameras, pose), key=far.cost)
-        for start in [*starts, *flips[:_TRIED]]:
+        starts += flips[:_TRIED]
+        for found in in_parallel(lambda start: self._descended(n, start, False, "tried"), starts):
             if self.control.should_stop():
                 return
-            found = self._descended(n, start, False, "tried")
             least = min(one.system.cost for one in self.minima[n])
             if found is None or found.system.cost > least + _HOPELESS:
                 continue
             if self._add(n, found):
-                for towards in (-1, 1):
-                    self._carry(n, towards, found.pose, np.zeros_like(found.pose))
+                still = np.zeros_like(found.pose)
+                self._carry((n, way, found.pose, still) for way in (-1, 1))
 
 
 def largest_move_m(model: ArticulatedModel, one: Floats[P], other: Floats[P]) -> float:

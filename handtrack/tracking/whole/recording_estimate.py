@@ -12,7 +12,7 @@ from handtrack.arrays import D3, Array, C, F, Floats, K, P, array_dataclass, eve
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.pose_changes import TURN, by_turn
 from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.parallel import one_blas_thread
+from handtrack.parallel import in_parallel, one_blas_thread
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
@@ -276,7 +276,7 @@ def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
         model = who.build(refinement.scale)
         evidence = evidence.by(model, dict(zip(estimate.frames, found.poses, strict=True)))
     tracked = estimate.tracked
-    results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
+    results = in_parallel(lambda n: _result(evidence, found, n, tracked), range(len(tracked)))
     return replace(estimate, evidence=evidence, results=tuple(results))
 
 
