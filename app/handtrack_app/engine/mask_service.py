@@ -142,7 +142,6 @@ def _carried(
 
 
 BRUSHES = {"hand": HAND, "not hand": BACKGROUND, "unknown": UNKNOWN_LEVEL, "as it is": AS_IT_IS}
-_MOST_POINTS, _LARGEST_PX = 4096, 500.0  # of a stroke; no page sends more
 _DEPTHS_M = {"near_m": 0.2, "far_m": 0.8}  # of a hand before a camera on a desk, to begin with
 
 
@@ -322,14 +321,9 @@ class MaskService(PreviewService):
         def change() -> None:
             self.store.check()  # what is painted becomes a file
             view, own = self._place(camera, frame)
-            stroke = np.asarray(points[:_MOST_POINTS], dtype=float).reshape(-1, 2)
-            stroke = stroke[np.isfinite(stroke).all(axis=1)]
-            if not len(stroke) or brush not in BRUSHES or not np.isfinite(radius_px):
-                return
             layer = view.corrections.layer(own)
             layer = empty_layer(view.camera.size) if layer is None else layer
-            radius = min(max(float(radius_px), 0.5), _LARGEST_PX)
-            after = painted(layer, _as_taken(view, stroke.tolist()), radius, BRUSHES[brush])
+            after = painted(layer, _as_taken(view, points), radius_px, BRUSHES[brush])
             content = encoded(after)
             now = None if content is None else Correction(content)
             edit = decide(correction={(view.name, own): now})

@@ -122,8 +122,6 @@ class PosingService(Service):
         document, meant = self.document, np.asarray(target, dtype=float)
         model = document.model
         (bone,), (point,) = pinned_places(model, [Pin("", (0.0, 0.0), *hold)])
-        if meant.shape != (3,) or not np.isfinite([*meant, *point]).all():
-            raise HandtrackError(f"a pull: expected a point in metres, found {target}.")
         params = model.params_within_limits(document.pose_at(document.clamped(frame)))
         reached = model.joint_params(reach(model, params, int(bone), point, meant))
         edit = pose(document, frame, reached.tolist())

@@ -93,8 +93,6 @@ def limits(document: Document, name: str, interval: tuple[float, float] | None) 
     if interval is None:
         return decide(limits={name: None})
     low, high = sorted(float(np.clip(v, -np.pi, np.pi)) for v in interval)
-    if not np.isfinite(low + high):
-        raise HandtrackError(f"limits of {name}: expected two angles, found {interval}.")
     return decide(limits={name: (low, high)})
 
 
