@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D3, B, Floats, Ints, K, N, Q
+from handtrack.arrays import D3, B, Floats, Ints, K
 from handtrack.compiled import compiled
 from handtrack.model.root_turn_kernels import turn_root
 
@@ -137,22 +137,13 @@ def linearize_pose(tree, params):  # pragma: no cover - compiled
     return rotation, position, jacobian
 
 
-class Growth(NamedTuple):
-    """What a person's deviations (N) do, for compiled code; Q of them, from `first` on, are proportions."""
-
-    parent: Ints[B]
-    rates: Floats[B, D3, N]
-    """of the logarithms of bones' factors"""
-    moves: Floats[Q, B, D3]
-    """of bones' heads"""
-    shift: Floats[Q, B, D3]
-    """of what is on bones"""
-    first: int
-
-
 @compiled
 def growth_fields(growth, frames, scale_change, unknowns):  # pragma: no cover - compiled
-    """Return (B, 12, K) of joints and of ellipsoids; see `SizeParameters.fields`."""
+    """Return (B, 12, K) of joints and of ellipsoids; see `SizeParameters.fields`.
+
+    growth: the bones' parents; rates (B, 3, N) of the logarithms of their factors by a person's deviations; moves (Q, B, 3) of their heads,
+    and shift (Q, B, 3) of what is on them, by those that are proportions; which of the deviations these begin at.
+    """
     parent, rates, moves, shift, first = growth
     rotation, position, reference = frames
     bones, count = len(parent), len(unknowns)

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, Ints, J, K, N, array_dataclass
+from handtrack.arrays import D3, B, Floats, Ints, J, K, N, Q, array_dataclass
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
 from handtrack.model.kinematics import BoneFields, BonePoses
-from handtrack.model.kinematics_kernels import Growth, growth_fields
+from handtrack.model.kinematics_kernels import growth_fields
 from handtrack.model.shape import ShapeNumber
 
 _HAND_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
@@ -194,7 +194,7 @@ class SizeParameters:
         bones: those of `rescaled`. A bone's head moves as far as those above it have grown, and no bone turns.
         """
         assert bones.scale_change is not None
-        joints, flesh = growth_fields(self.growth, bones.frames, bones.scale_change, unknowns)
+        joints, flesh = growth_fields(self._growth, bones.frames, bones.scale_change, unknowns)
         return BoneFields(joints, flesh, self.offset_moves[:, :, unknowns], np.zeros(len(unknowns)))
 
     @property
@@ -227,13 +227,13 @@ class SizeParameters:
         return _PARTS[self.model.kind]
 
     @cached_property
-    def growth(self) -> Growth:
-        """The same for compiled code."""
+    def _growth(self) -> tuple[Ints[B], Floats[B, D3, N], Floats[Q, B, D3], Floats[Q, B, D3], int]:
+        """What `growth_fields` takes."""
         skeleton, known = self.model.skeleton, self.model.proportions
         none = np.zeros((0, skeleton.bone_count, 3))
         moves, shift = (none, none) if known is None else (known.moves, known.shift)
         parent = np.array(skeleton.parent, np.int64)
-        return Growth(parent, self._rates, moves, shift, self._proportions.start)
+        return parent, self._rates, moves, shift, self._proportions.start
 
     @cached_property
     def _at(self) -> Floats:

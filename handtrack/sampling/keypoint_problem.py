@@ -16,8 +16,7 @@ from handtrack.model.moving_limits import MovingLimits
 from handtrack.model.transform import Links
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.collision import CollisionTerm
-from handtrack.terms.collision_kernels import Collisions
+from handtrack.terms.collision import Collisions, CollisionTerm
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.priors.priors import LinearPrior
 from handtrack.terms.term import ParameterTerm

@@ -10,10 +10,10 @@ import numpy as np
 from handtrack.arrays import D2, Floats, Ints, K, array_dataclass, check_shape
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.flesh import Ellipsoids, PosedEllipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import Sums
-from handtrack.terms.collision_kernels import Collisions, collision_sums, overlaps
+from handtrack.terms.collision_kernels import collision_sums, overlaps
 from handtrack.terms.ellipsoid_kernels import posed_shapes
 from handtrack.terms.term import SurfaceTerm
 
@@ -30,6 +30,8 @@ def contact(model: ArticulatedModel) -> CollisionTerm:
     return CollisionTerm.of(model, "fine", _SOFT_M, _SOFT_M)
 
 
+Collisions = tuple[PosedEllipsoids, Ints[K], Ints[K], float, float, float]
+"""ellipsoids, first and second of each pair, slack, σ and weight"""
 _FIRM = 0.9
 """the share of each radius that does not give way; thighs are pressed flatter than wrists"""
 
@@ -80,17 +82,18 @@ class CollisionTerm(SurfaceTerm):
         return _depths(self.flesh, bones, self.pairs)
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
-        rescaled, collisions = self.flesh.rescaled(bones), self.collisions
+        rescaled = self.flesh.rescaled(bones)
+        own = self.collisions
         if rescaled is not self.flesh:
-            collisions = collisions._replace(ellipsoids=rescaled.arrays)
-        return collision_sums(bones.frames, collisions, sums)
+            own = rescaled.arrays, *own[1:]
+        return collision_sums(bones.frames, own, sums)
 
     @cached_property
     def collisions(self) -> Collisions:
-        """The same as arrays, for compiled sums."""
+        """The same for compiled sums."""
         first, second = np.ascontiguousarray(np.asarray(self.pairs, np.int64).T)
         numbers = float(self.slack_m), float(self.sigma_m), float(self.weight)
-        return Collisions(self.flesh.arrays, first, second, *numbers)
+        return self.flesh.arrays, first, second, *numbers
 
 
 def colliding_pairs(

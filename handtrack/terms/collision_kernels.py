@@ -2,27 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from handtrack.arrays import Ints, K
 from handtrack.compiled import compiled_as_numpy
-from handtrack.model.flesh import PosedEllipsoids
 from handtrack.terms.bone_kernels import fill_arm
 from handtrack.terms.ellipsoid_kernels import posed_shapes
-
-
-class Collisions(NamedTuple):
-    """Pairs of ellipsoids that may not overlap; see `CollisionTerm`."""
-
-    ellipsoids: PosedEllipsoids
-    first: Ints[K]
-    second: Ints[K]
-    slack: float
-    sigma: float
-    weight: float
-
 
 _STEPS = 30
 _DONE = 1e-20
@@ -231,7 +215,7 @@ def overlaps(place, shape, reach, first, second, found):  # pragma: no cover - c
 
 @compiled_as_numpy
 def collision_sums(frames, collisions, sums):  # pragma: no cover - compiled
-    """Add the pairs' overlaps to sums; return ½ weight Σ r²."""
+    """Add the pairs' overlaps to sums; return ½ weight Σ r². collisions: as `CollisionTerm.collisions`."""
     ellipsoids, first, second, slack, sigma, weight = collisions
     bone, radii, reference = ellipsoids.bone, ellipsoids.radii, frames.reference
     width, gradient, hessian = sums

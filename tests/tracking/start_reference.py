@@ -26,7 +26,7 @@ def cloud_score(start, shape, rotation, place, visible):
     off = at_nearest_node(shape.field, shape.low, shape.spacing, local[near])
     world = (shape.points[visible] - shape.middle) @ rotation.T + place
     grid = start.distances
-    empty = at_nearest_node(grid.values, grid.low, grid.spacing, world)
+    empty = at_nearest_node(grid.at_nodes(), grid.low, grid.spacing, world)
     wrong = start.area * share(off).sum() + shape.area * share(empty).sum()
     return wrong / (start.area * near.sum() + shape.area * visible.sum())
 

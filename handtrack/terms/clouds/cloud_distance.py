@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, Floats, Ints, K, M, N, array_dataclass, check_shape
+from handtrack.arrays import D3, D4, Floats, K, M, N, array_dataclass, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.bone_system import Sums
-from handtrack.terms.clouds.cloud_kernels import (
-    BLOCK,
-    CloudArrays,
-    aligned,
-    arrange,
-    cloud_sums,
-)
+from handtrack.terms.clouds.cloud_kernels import BLOCK, aligned, arrange, cloud_sums
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.term import SurfaceTerm
 
@@ -25,40 +19,27 @@ FARTHEST_M = 1e6
 """A coordinate beyond this is no measurement."""
 
 
-@array_dataclass
-class PreparedCloud:
+class PreparedCloud(NamedTuple):
     """A cloud in an order in which neighbours in memory are neighbours in space. Once a frame."""
 
     points: Floats[D3, M]
     """(3, N') world [m], rows x, y, z, filled up to a multiple of 8 with its last point"""
-    order: Ints[N]
-    """which of the given points each one is"""
+    count: int
     spheres: Floats[D4, K]
     """(4, blocks') centre and radius of each block of 32, filled up to a multiple of 8"""
-    given: int
-    """points handed in, with those that were dropped"""
-
-    @cached_property
-    def arrays(self) -> CloudArrays:
-        """The same for compiled sums."""
-        return CloudArrays(self.points, self.count, self.spheres)
 
     @property
-    def count(self) -> int:
-        return len(self.order)
-
-    @property
-    def dropped(self) -> int:
-        """How many points were left out because a coordinate is NaN, infinite or absurd."""
-        return self.given - self.count
+    def rows(self) -> Floats[N, D3]:
+        """The points, a row each."""
+        return np.ascontiguousarray(self.points[:, : self.count].T)
 
 
 def prepare_cloud(points: Floats[N, D3]) -> PreparedCloud:
-    """Return points world [m] in compact blocks; what is not finite is left out and counted (`dropped`)."""
+    """Return points world [m] in compact blocks; what is not finite is left out."""
     points = np.asarray(points, dtype=float)
     check_shape(points, (None, 3), "cloud")
     with np.errstate(invalid="ignore"):
-        finite = np.flatnonzero((np.abs(points) < FARTHEST_M).all(axis=1))  # False for NaN
+        finite = (np.abs(points) < FARTHEST_M).all(axis=1)  # False for NaN
     kept = np.ascontiguousarray(points[finite])
     along, count = np.arange(len(kept)), len(kept)
     arrange(kept, along, BLOCK)
@@ -77,7 +58,7 @@ def prepare_cloud(points: Floats[N, D3]) -> PreparedCloud:
         spheres[3, :blocks] = np.sqrt(furthest) * (1.0 + 1e-12)
     rows = aligned(ordered.size).reshape(3, -1)
     rows[:] = ordered
-    return PreparedCloud(rows, finite[along], spheres, len(points))
+    return PreparedCloud(rows, count, spheres)
 
 
 @array_dataclass
@@ -102,16 +83,9 @@ class CloudDistanceTerm(SurfaceTerm):
                 f"{self.name}: sigma {self.sigma_m:g} m; expected a positive length."
             )
 
-    def residuals(self, bones: BonePoses) -> Floats[M]:
-        """Return the signed distance [m] of every point that was handed in (given,); NaN for those dropped."""
-        out = np.full(self.cloud.given, np.nan)
-        points = np.ascontiguousarray(self.cloud.points[:, : self.cloud.count].T)
-        out[self.cloud.order] = self.surface.distance(bones, points)
-        return out
-
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         return cloud_sums(
-            self.cloud.arrays,
+            self.cloud,
             self.surface.posed(bones),
             self.sigma_m,
             self.loss,

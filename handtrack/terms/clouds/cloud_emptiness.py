@@ -90,7 +90,7 @@ class CloudEmptinessTerm(SurfaceTerm):
             share /= bones.scale_change[self.bone].prod(axis=1) ** (2 / 3)
         surface = self.bone, bones.on_flesh(self.bone, self.local), share
         noise = self.slack_m, self.sigma_m, self.loss, self.weight
-        return emptiness_sums(self.distances.arrays, bones.frames, surface, noise, sums)
+        return emptiness_sums(self.distances, bones.frames, surface, noise, sums)
 
 
 def seen_from(

@@ -8,11 +8,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from handtrack.arrays import D3, D4, Array, E, Floats, K, M
 from handtrack.compiled import compiled_as_numpy
 from handtrack.model.surfaces.metaballs_kernels import AXES, CENTRE, STRETCH, TINY
 from handtrack.terms.bone_kernels import add_outer, fill_arm
@@ -45,31 +42,6 @@ def aligned(count):  # pragma: no cover - compiled
     return memory[start : start + count]
 
 
-class CloudArrays(NamedTuple):
-    """A cloud as compiled sums take it; see `PreparedCloud`."""
-
-    points: Floats[D3, M]
-    """(3, N') world, N' ≥ count a multiple of 8"""
-    count: int
-    spheres: Floats[D4, K]
-    """(4, blocks') centre and radius of each block of 32"""
-
-
-class Workspace(NamedTuple):
-    """What is written while a cloud is summed."""
-
-    buffers: Floats[E, D3, M]
-    """points that wait, by the ellipsoid closest to them"""
-    wanted: Array[K]
-    """bool: which of the surface's links may count for points that wait"""
-    near: Floats
-    """distance, direction and share of each ellipsoid that counts, at the points that are worked off"""
-    rows: Floats
-    wide: Floats
-    """the same by fields"""
-    vectors: Floats
-
-
 @compiled_as_numpy
 def cloud_sums(cloud, surface, sigma, loss, weight, reference, sums):  # pragma: no cover - compiled
     """Add E1 to sums; return ½ weight Σ ρ(d²/σ²)."""
@@ -91,7 +63,7 @@ def cloud_sums(cloud, surface, sigma, loss, weight, reference, sums):  # pragma:
     rows = aligned(most * 6 * BUFFER).reshape(most, 6, BUFFER)
     vectors = aligned(5 * BUFFER).reshape(5, BUFFER)
     wide = np.empty((12 * most if width == 12 else 0, BUFFER))
-    space = Workspace(buffers, wanted, near, rows, wide, vectors)
+    space = buffers, wanted, near, rows, wide, vectors
     noise = sigma, loss, weight
     margin = NEGLIGIBLE / sharpness
     cost = 0.0
@@ -212,7 +184,11 @@ def arrange(points, order, size):  # pragma: no cover - compiled
 
 @compiled_as_numpy
 def work_off(e, count, surface, noise, reference, space, sums):  # pragma: no cover - compiled
-    """Add the buffered points of ellipsoid e; returns Σ ρ. noise: σ, loss and weight."""
+    """Add the buffered points of ellipsoid e; returns Σ ρ. noise: σ, loss and weight.
+
+    space: points that wait, by the ellipsoid closest to them; which of the surface's links may count for them; distance, direction and
+    share of each ellipsoid that counts at those that are worked off; rows by twists, and by fields; numbers of each point.
+    """
     table, bone, start, members, sharpness, turning = surface
     buffers, wanted, near, rows, wide, vectors = space
     sigma, loss, weight = noise

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z, array_dataclass, check_shape
+from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.terms.clouds.distance_map_kernels import (
-    MapArrays,
     fill_cells,
     fill_nearest,
     fill_nodes,
@@ -21,36 +20,29 @@ MOST_VOXELS = 8_000_000
 """The grid gets coarser rather than larger; about 150 MB are in use while this many are computed."""
 
 
-@array_dataclass
-class DistanceMap:
+class DistanceMap(NamedTuple):
     """Unsigned distances to a cloud: to the nearest of the points in those cells that are nearest to the 8 nodes around."""
 
-    low: Floats[D3]
-    """the first node, world [m]"""
-    spacing: float
-    """[m]"""
     nearest: Array[X, Y, Z]
     """int32, the number of the filled cell nearest to each node; size 0 where there is no cloud at all"""
     first: Array[M]
     """int32, where the points of each filled cell begin, and where the last ends"""
     points: Floats[N, D3]
     """the cloud in the box by cells, world [m]"""
-
-    @property
-    def arrays(self) -> MapArrays:
-        """The same for compiled code."""
-        return MapArrays(self.nearest, self.first, self.points, self.low, self.spacing)
+    low: Floats[D3]
+    """the first node, world [m]"""
+    spacing: float
+    """[m]"""
 
     @property
     def is_empty(self) -> bool:
         return self.nearest.size == 0
 
-    @cached_property
-    def values(self) -> Array[X, Y, Z]:
-        """float32 [m], the distance of each node."""
+    def at_nodes(self) -> Array[X, Y, Z]:
+        """Return the distance of each node, float32 [m]."""
         values = np.empty(self.nearest.shape, np.float32)
         if not self.is_empty:
-            fill_nodes(self.arrays, values)
+            fill_nodes(self, values)
         return values
 
     def at(self, points: Floats[N, D3]) -> tuple[Floats[N], Floats[N, D3]]:
@@ -59,7 +51,7 @@ class DistanceMap:
         check_shape(points, (None, 3), "points")
         distance, gradient = np.zeros(len(points)), np.zeros(points.shape)
         if not self.is_empty:
-            look_up_all(self.arrays, points, distance, gradient)
+            look_up_all(self, points, distance, gradient)
         return distance, gradient
 
 
@@ -93,4 +85,4 @@ def distance_map(
     ordered, first = fill_cells(points, low, spacing, cells)
     if len(points):
         fill_nearest(cells, nearest)
-    return DistanceMap(low, spacing, nearest, first, ordered)
+    return DistanceMap(nearest, first, ordered, low, float(spacing))

@@ -6,13 +6,10 @@ The nearest filled cell along x, then along y of those, then along z (the transf
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 
-from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z
 from handtrack.compiled import compiled_as_numpy, inlined
 from handtrack.terms.bone_kernels import add_row, fill_arm, to_world
 from handtrack.terms.lanes_kernels import Eight, written
@@ -160,16 +157,6 @@ def _along_x(cells, far, whose):  # pragma: no cover - compiled
         for j in range(cells.shape[1]):
             for k in range(cells.shape[2]):
                 far[i, j, k] = min(far[i, j, k] * far[i, j, k], np.float32(_NOWHERE))
-
-
-class MapArrays(NamedTuple):
-    """A distance map as compiled code takes it; see `DistanceMap`."""
-
-    nearest: Array[X, Y, Z]
-    first: Array[M]
-    points: Floats[N, D3]
-    low: Floats[D3]
-    spacing: float
 
 
 _AROUND = 2.0

@@ -14,7 +14,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.images.depth_picture import DepthPicture
-from handtrack.terms.images.image_kernels import Pinhole, texture_sums
+from handtrack.terms.images.image_kernels import texture_sums
 from handtrack.terms.images.smooth_image import SmoothImage
 from handtrack.terms.loss import Loss, geman_mcclure
 from handtrack.terms.term import SurfaceTerm
@@ -119,7 +119,7 @@ class CarriedTextureTerm(SurfaceTerm):
             camera, local = texture.camera, bones.on_flesh(texture.bone, texture.local)
             matrix = camera.matrix.copy()
             matrix[:2, 2] -= image.corner
-            pinhole = Pinhole(matrix, camera.rotation, camera.translation)
+            pinhole = matrix, camera.rotation, camera.translation
             points = texture.bone, local, texture.color
             cost += texture_sums(bones.frames, pinhole, image.values, points, noise, sums)
         return cost

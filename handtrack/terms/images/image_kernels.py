@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from handtrack.arrays import D3, Floats
 from handtrack.compiled import compiled_as_numpy, inlined
 from handtrack.terms.bone_kernels import add_row, fill_arm, to_world
 from handtrack.terms.loss import robust
@@ -44,21 +41,13 @@ def look_up_all(image, pixels, values, slopes):  # pragma: no cover - compiled
             slopes[n, c, 0], slopes[n, c, 1] = in_u * du, in_v * dv
 
 
-class Pinhole(NamedTuple):
-    """A camera without distortion."""
-
-    matrix: Floats[D3, D3]
-    rotation: Floats[D3, D3]
-    translation: Floats[D3]
-
-
 NEAREST = 1e-3  # [m] in front of the camera
 
 
 @inlined
 def see(point, camera, seen):  # pragma: no cover - compiled
-    """Fill the point (3,) in the camera's frame."""
-    turn, shift = camera.rotation, camera.translation
+    """Fill the point (3,) in the camera's frame. camera: matrix, rotation and translation."""
+    _, turn, shift = camera
     for r in range(3):
         seen[r] = shift[r] + turn[r, 0] * point[0] + turn[r, 1] * point[1] + turn[r, 2] * point[2]
 
@@ -66,7 +55,7 @@ def see(point, camera, seen):  # pragma: no cover - compiled
 @inlined
 def fill_row(du, dv, seen, camera, point, reference, width, row):  # pragma: no cover - compiled
     """Fill the row (6,), or (12,) by fields, of a residual that changes by du and dv per pixel across and down."""
-    matrix, turn = camera.matrix, camera.rotation
+    matrix, turn, _ = camera
     x, y, z = seen[0], seen[1], seen[2]
     fu, fv = du * matrix[0, 0] / z, dv * matrix[1, 1] / z
     fz = -(fu * x + fv * y) / z
@@ -127,7 +116,7 @@ def edges_sums(frames, camera, pieces, edges, spread, sums):  # pragma: no cover
     bone, local, pixel, normal, weight = pieces
     edge, strength = edges
     sigma, clutter, from_none = spread
-    matrix = camera.matrix
+    matrix = camera[0]
     cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(12)
     for n in range(bone.shape[0]):
         b = bone[n]
@@ -200,7 +189,7 @@ def texture_sums(frames, camera, image, texture, noise, sums):  # pragma: no cov
     """
     bone, local, color = texture
     sigma, loss, worst, weight = noise
-    matrix = camera.matrix
+    matrix = camera[0]
     rows, columns, channels = image.shape
     cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(12)
     residual, across, down = np.empty(channels), np.empty(channels), np.empty(channels)

@@ -10,7 +10,7 @@ from handtrack.arrays import Floats, K, N, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import Sums
-from handtrack.terms.images.image_kernels import Pinhole, edges_sums, search_along
+from handtrack.terms.images.image_kernels import edges_sums, search_along
 from handtrack.terms.images.model_outline import OutlinePoints
 from handtrack.terms.images.smooth_image import SmoothImage
 from handtrack.terms.term import SurfaceTerm
@@ -89,7 +89,7 @@ class OutlineEdgesTerm(SurfaceTerm):
             weight = self.weight * outline.length_px / self.stretch_px
             local = bones.on_flesh(outline.bone, outline.local)
             pieces = outline.bone, local, outline.pixel, outline.normal, weight
-            pinhole = Pinhole(camera.matrix, camera.rotation, camera.translation)
+            pinhole = camera.matrix, camera.rotation, camera.translation
             edges = seen.place, seen.strength
             cost += edges_sums(bones.frames, pinhole, pieces, edges, spread, sums)
         return cost

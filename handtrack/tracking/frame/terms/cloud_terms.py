@@ -74,8 +74,7 @@ class CloudObservation:
         few = self.share * self.prepared.count < len(model.transform.names)
         if few or self.traits.plain_sums:
             return self
-        points = np.ascontiguousarray(self.prepared.points[:, : self.prepared.count].T)
-        off = np.abs(fitted_surface(model, self.surface).distance(bones, points))
+        off = np.abs(fitted_surface(model, self.surface).distance(bones, self.prepared.rows))
         off = off[off < _EMPTY_FAR_M]  # other things may stand beside a hand
         if not len(off):
             return self
@@ -222,7 +221,7 @@ def cloud_terms(
     chosen, sigma_m = settings.cloud, settings.cloud.sigma_mm * _MM
     if _is_doubted(seen.views, chosen):
         rays = CloudRaysTerm(
-            np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T),
+            seen.prepared.rows,
             _eye(seen.views),
             fitted_surface(model, chosen),
             along_m=max(_SIGMA_BANDS * band_mm, chosen.sigma_mm) * _MM,
@@ -289,7 +288,7 @@ def agreement(seen: CloudObservation, model: ArticulatedModel, bones: BonePoses)
     It does not ask how sure the fingers are: those of a fist are hidden even from the best sensor. What is asked is
     whether that was measured which could be.
     """
-    points = np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T)
+    points = seen.prepared.rows
     off = np.abs(fitted_surface(model, seen.surface).distance(bones, points))
     measured, term = np.nan, seen.emptiness  # of the hand alone
     if term is not None and len(term.bone):

@@ -42,6 +42,10 @@ class CloudEvidence:
     """camera centres, world [m], that must all see a point to measure it"""
 
     @cached_property
+    def _nodes(self) -> Floats:
+        return self.distances.at_nodes()
+
+    @cached_property
     def _sights(self) -> tuple[Floats, Ints]:
         middle = np.median(self.points, axis=0)
         ways = [np.atleast_2d(view) - middle for view in self.views]
@@ -72,10 +76,9 @@ class CloudEvidence:
     ) -> Floats[R, M]:
         """Return the share of area on which shape and cloud disagree, by rotation and place."""
         hand = ~shape.is_arm  # asked for nowhere; where the forearm is seen, `field` explains it
-        known = self.distances
         return cloud_scores(
             (self.points, self.area),
-            (known.values, known.low, known.spacing),
+            (self._nodes, self.distances.low, self.distances.spacing),
             self._sights,
             (np.ascontiguousarray(rotations), np.ascontiguousarray(places)),
             (shape.points[hand], shape.normals[hand], shape.area, shape.middle, shape.reach),
