@@ -37,8 +37,8 @@ def table() -> str:
         for s in SEARCHES
     )
     rounds = [step for search in SEARCHES for step in search.rounds]
-    proposers = {_name(p.proposer): p.proposer for step in rounds for p in step.propose}
-    fitters = {_name(f.fitter): f.fitter for step in rounds for f in step.fits}
+    proposers = {_name(p): p for step in rounds for p, _ in step.propose}
+    fitters = {_name(f): f for step in rounds for f, _ in step.fits}
     return f"{head}{rows}\n{_listed('proposer', proposers)}\n{_listed('fit', fitters)}"
 
 
@@ -60,13 +60,13 @@ def _tried(search: Search) -> str:
 
 
 def _round(step: Round, margin: float) -> str:
-    proposed = [_name(p.proposer) + (f" ({p.most})" if p.most else "") for p in step.propose]
+    proposed = [_name(p) + (f" ({most})" if most else "") for p, most in step.propose]
     words = [" and ".join(proposed)] if proposed else []
     if step.keep:
         words[0] += f", beside the best {step.keep} so far"
     if step.enter is not None:
         words.append(f"best {step.enter}")
-    words += [_name(f.fitter) + (f" {f.iterations}" if f.iterations else "") for f in step.fits]
+    words += [_name(f) + (f" {count}" if count else "") for f, count in step.fits]
     again = f", up to {step.times} times while the best gets better by {margin:g}"
     return " → ".join(words) + (again if step.times > 1 else "")
 

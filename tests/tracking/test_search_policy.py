@@ -9,8 +9,6 @@ from handtrack import load_model
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.search.engine import (
     Candidate,
-    Fit,
-    Propose,
     Round,
     Search,
     improved,
@@ -50,16 +48,16 @@ def places(found):
 
 
 def test_a_round_proposes_thins_and_fits():
-    search = Search("", "", (Round((Propose(grid),), enter=2, fits=(Fit(half, 1),)),), "")
+    search = Search("", "", (Round(((grid, 0),), enter=2, fits=((half, 1),)),), "")
     assert places(run_rounds(search, Line(), (), Control())) == [2.8, 2.0]
-    alone = Search("", "", (Round((Propose(grid),), keep=0, fits=(Fit(half, 1),)),), "")
+    alone = Search("", "", (Round(((grid, 0),), keep=0, fits=((half, 1),)),), "")
     assert places(run_rounds(alone, Line(), [candidate(5.0)], Control())) == [1.5, 2.0, 2.75, 2.8]
-    adds = Search("", "", (Round((Propose(grid),), adds=True, enter=1, fits=(Fit(half, 2),)),), "")
+    adds = Search("", "", (Round(((grid, 0),), adds=True, enter=1, fits=((half, 2),)),), "")
     assert places(run_rounds(adds, Line(), [candidate(5.0)], Control())) == [5.0, 2.9]
 
 
 def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
-    rounds = (Round((Propose(grid),), keep=0),)
+    rounds = (Round(((grid, 0),), keep=0),)
     for factor, margin, start, taken in (
         (1.0, 0.0, 3.41, True), (1.0, 0.0, 3.39, False), (1.0, 1.0, 4.3, False), (1.0, 1.0, 4.5, True),
         (0.5, 0.0, 3.7, False), (0.5, 0.0, 3.9, True),
@@ -74,7 +72,7 @@ def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
 
 
 def test_it_goes_on_from_a_better_pose_as_often_as_the_row_says():
-    rounds = (Round((Propose(grid),), keep=0, fits=(Fit(half, 1),)),)
+    rounds = (Round(((grid, 0),), keep=0, fits=((half, 1),)),)
     told = []
     search = Search("a line", "", rounds, "distance", repeats=3)
     improved(search, Line(), candidate(9.0), Control(on_search=told.append), 7, "asked")
@@ -89,6 +87,6 @@ def test_a_round_is_made_again_while_its_best_is_better_by_the_margin(costs, mad
     def more(objective, found, most):
         return [SimpleNamespace(cost=left.pop(0), origin="more")]
 
-    search = Search("", "", (Round((Propose(more),), adds=True, times=3),), "", margin=0.9)
+    search = Search("", "", (Round(((more, 0),), adds=True, times=3),), "", margin=0.9)
     found = run_rounds(search, SimpleNamespace(), (), Control(), tried=tried)
     assert len(tried) == made and [c.cost for c in found] == list(costs[:made])

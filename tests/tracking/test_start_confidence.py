@@ -23,7 +23,6 @@ from handtrack.tracking.search.start_confidence import (
     BASIN_M,
     KNOWN_SIZE_SIGMA,
     SIZE_SIGMA,
-    independent_errors,
     p_in_basin,
     shares,
 )
@@ -71,7 +70,7 @@ def test_they_are_as_sure_as_they_are_right():
         starts = [start, *finger_bends(objective, [start], 12)]
         ends = [settled(objective, start) for start in starts]
         best, *_ = kept = objective.distinct(ends, 5)
-        count = independent_errors(objective.sources, best)
+        count = objective.independent_errors(best)
         share = shares(np.array([end.cost for end in kept]), count)[0]
         near = p_in_basin(objective.narrow_problem(best), best.params, count, SIZE_SIGMA)
         said.append(share * near)
@@ -89,7 +88,7 @@ def test_one_camera_cannot_tell_a_large_hand_from_a_near_one(rng):
         objective, _, start = seen_by(cameras, rng, "open")
         there = settled(objective, start)
         problem = objective.narrow_problem(there)
-        count = independent_errors(objective.sources, there)
+        count = objective.independent_errors(there)
         found[cameras] = [
             p_in_basin(problem, there.params, count, sigma)
             for sigma in (SIZE_SIGMA, KNOWN_SIZE_SIGMA)

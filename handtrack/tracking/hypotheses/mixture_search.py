@@ -31,7 +31,7 @@ from handtrack.tracking.frame.descent import Minima, by_keypoints_alone, minima
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief, unknown_speed
-from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, Search
+from handtrack.tracking.search.engine import Candidate, Round, Search
 
 _COARSE = 10.0  # times sigma
 _MEMORY_FRAMES = 10.0  # over about so many frames a belief remembers, so each counts this share of the static priors
@@ -378,18 +378,18 @@ FIRST_HYPOTHESES = Search(
     when="`tracker.hypotheses` above 1",
     rounds=(
         Round(
-            (Propose(FirstHypotheses.headings_at_low_resolution, 4),),
-            fits=(Fit(MixtureObjective.minimum),),
+            ((FirstHypotheses.headings_at_low_resolution, 4),),
+            fits=((MixtureObjective.minimum, 0),),
         ),
         Round(
-            (Propose(FirstHypotheses.start_and_candidates),),
+            ((FirstHypotheses.start_and_candidates, 0),),
             keep=0,
-            fits=(Fit(MixtureObjective.minimum),),
+            fits=((MixtureObjective.minimum, 0),),
         ),
         Round(
-            (Propose(FirstHypotheses.interpretation_trees_of_the_best, 6),),
+            ((FirstHypotheses.interpretation_trees_of_the_best, 6),),
             adds=True,
-            fits=(Fit(MixtureObjective.minimum),),
+            fits=((MixtureObjective.minimum, 0),),
             times=3,
         ),
     ),
@@ -403,10 +403,10 @@ NEXT_HYPOTHESES = Search(
     rounds=(
         Round(
             (
-                Propose(NextHypotheses.each_followed),
-                Propose(NextHypotheses.each_jumped_along_chains),
+                (NextHypotheses.each_followed, 0),
+                (NextHypotheses.each_jumped_along_chains, 0),
             ),
-            fits=(Fit(MixtureObjective.minimum),),
+            fits=((MixtureObjective.minimum, 0),),
         ),
     ),
     measure="−log of the posterior mass: exp(−cost), the prior's share, the minimum's width (Laplace)",

@@ -27,7 +27,6 @@ from handtrack.tracking.search.global_search import (
 from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     fit_quality,
-    independent_errors,
     p_in_basin,
     shares,
 )
@@ -113,7 +112,7 @@ def _compared(
         return []
     kept = sorted(objective.compared(kept), key=lambda c: c.cost)
     quality = fit_quality(kept[0].model, settings, objective.seen, kept[0].params)
-    count = independent_errors(objective.sources, kept[0])
+    count = objective.independent_errors(kept[0])
     share = shares(np.array([c.cost for c in kept]), count)
     found = []
     for candidate, part in zip(kept, share, strict=True):

@@ -75,33 +75,17 @@ Fitter = Callable[[Any, Sequence[Any], int, Control], list[Any]]
 
 
 @dataclass(frozen=True)
-class Propose:
-    """A function that proposes candidates, and how many of them at most."""
-
-    proposer: Proposer
-    most: int = 0
-    """0: as many as there are"""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A function that improves candidates, and the solver's iterations in it."""
-
-    fitter: Fitter
-    iterations: int = 0
-    """0: as many as the function has by itself"""
-
-
-@dataclass(frozen=True)
 class Round:
     """One round of a search: who joins, how many are fitted, and how."""
 
-    propose: tuple[Propose, ...] = ()
+    propose: tuple[tuple[Proposer, int], ...] = ()
+    """functions, and how many candidates of each at most; 0: as many as there are"""
     keep: int | None = None
     """how many of the candidates so far stay beside the proposed; None: all"""
     enter: int | None = None
     """the best distinct ones that are fitted; None: all, in their order"""
-    fits: tuple[Fit, ...] = ()
+    fits: tuple[tuple[Fitter, int], ...] = ()
+    """functions, and the solver's iterations in each; 0: as many as it has by itself"""
     adds: bool = False
     """only what is newly proposed is fitted, and joins those that stand"""
     times: int = 1
@@ -136,18 +120,8 @@ class Search:
         return cost < self.factor * standing - self.margin
 
 
-@dataclass(frozen=True)
-class Trial:
-    """What became of one candidate in a round."""
-
-    origin: str
-    cost: float
-
-    @classmethod
-    def of(cls, candidate: Candidate) -> Trial:
-        return cls(candidate.origin, candidate.cost)
-
-
+Trial = tuple[str, float]
+"""what became of one candidate in a round: its origin and cost"""
 Tried = list[tuple[int, tuple[Trial, ...]]]
 """of each round how many were proposed, and those fitted"""
 
@@ -179,7 +153,8 @@ class SearchReport:
             yield f"  nothing {nothing}"
             return
         search, limit = self.search, self.search.factor * self.standing - self.search.margin
-        yield f"  taken: {self.winner.origin} at {self.winner.cost:.2f}, " + (
+        origin, cost = self.winner
+        yield f"  taken: {origin} at {cost:.2f}, " + (
             search.taken
             or f"below {limit:.2f} ({search.factor:g} × {self.standing:.2f} − {search.margin:g})"
         )
@@ -207,17 +182,19 @@ def run_rounds(
     found = list(candidates)
     for number, step in enumerate(search.rounds):
         for _ in range(step.times):
-            proposed = [c for p in step.propose for c in p.proposer(objective, found, p.most)]
+            proposed = [
+                c for propose, most in step.propose for c in propose(objective, found, most)
+            ]
             kept = found if step.keep is None else objective.distinct(found, step.keep)
             entering = proposed if step.adds else [*kept, *proposed]
             if step.enter is not None:
                 entering = objective.distinct(entering, step.enter)
             if on_round is not None:
                 on_round(number, len(entering))
-            for fit in step.fits:
-                entering = fit.fitter(objective, entering, fit.iterations, control)
+            for fit, iterations in step.fits:
+                entering = fit(objective, entering, iterations, control)
             if tried is not None:
-                tried.append((len(proposed), tuple(map(Trial.of, entering))))
+                tried.append((len(proposed), tuple((c.origin, c.cost) for c in entering)))
             before, now = (min((c.cost for c in row), default=np.inf) for row in (found, entering))
             found = [*found, *entering] if step.adds else entering
             if not search.is_better(now, before):
@@ -264,7 +241,7 @@ def report(
 ) -> None:
     """Report a search that was made, if anybody listens."""
     if control.on_search is not None:
-        best = None if winner is None else Trial.of(winner)
+        best = None if winner is None else (winner.origin, winner.cost)
         control.on_search(SearchReport(frame, search, why, tried, standing, best))
 
 
@@ -284,12 +261,11 @@ def explained(frame: int, reports: Sequence[SearchReport], result: FrameResult |
 
 def _grouped(trials: Sequence[Trial]) -> str:
     """Return the best of a round's candidates in words, those of one origin together."""
-    ordered = sorted(trials, key=lambda t: (t.origin, t.cost))
-    groups = [list(group) for _, group in groupby(ordered, key=lambda t: t.origin)]
-    groups.sort(key=lambda group: group[0].cost)
+    groups = [list(group) for _, group in groupby(sorted(trials), key=lambda t: t[0])]
+    groups.sort(key=lambda group: group[0][1])
     named = [
-        f"{group[0].origin}{f' ×{len(group)}' if len(group) > 1 else ''} {group[0].cost:.2f}"
-        for group in groups[:_LISTED]
+        f"{origin}{f' ×{len(others) + 1}' if others else ''} {cost:.2f}"
+        for (origin, cost), *others in groups[:_LISTED]
     ]
     more = len(groups) - _LISTED
     return ", ".join(named) + (f" and {more} more" if more > 0 else "")

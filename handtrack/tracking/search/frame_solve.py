@@ -26,7 +26,7 @@ from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement
-from handtrack.tracking.search.engine import Candidate, Search, Trial, Tried, report
+from handtrack.tracking.search.engine import Candidate, Search, Tried, report
 from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.search.lost_finger import finger_search, with_fingers_found
 
@@ -167,7 +167,7 @@ def solve_doubted(
     if poor is not None:
         why = f"cloud and hand agree by {poor.share:.2f}, at least {least:g} is asked for"
     fitted = Candidate(model, pose, solved.result.energy, origin)
-    tried: Tried = [(1, (Trial.of(fitted),))]
+    tried: Tried = [(1, ((origin, fitted.cost),))]
     winner = fitted if poor is not None else None
     report(POOR_CLOUD, task.control, task.observation.frame, why, tried, winner)
     if poor is None:

@@ -30,16 +30,20 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
-from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, Search
-from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
+from handtrack.tracking.search.engine import Candidate, Round, Search
+from handtrack.tracking.search.evidence.cloud_evidence import CloudEvidence, cloud_evidence
 from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle, shape_of
-from handtrack.tracking.search.evidence.silhouette_evidence import silhouette_evidence
-from handtrack.tracking.search.evidence.source import EvidenceSource
+from handtrack.tracking.search.evidence.silhouette_evidence import (
+    SilhouetteEvidence,
+    silhouette_evidence,
+)
 from handtrack.tracking.search.policy import UNSEEN_EVERY
 from handtrack.tracking.search.start_confidence import BASIN_M
 from handtrack.tracking.size.estimate import fit_size
 from handtrack.tracking.size.person import SIZE_BANDS_MM
 
+EvidenceSource = CloudEvidence | SilhouetteEvidence
+"""what one kind of observation says about where a hand may be"""
 Resize = Callable[[ArticulatedModel, HandScale], ArticulatedModel]
 """makes the same hand in another size"""
 WIDE_M, NARROW_M = 0.012, 0.004
@@ -56,6 +60,7 @@ PLACE_M = 0.07
 """palms that are nearer are at one place"""
 _APART_RAD, _APART_M = np.deg2rad(24.0), 0.03
 _STRETCHED, _BENT = "open", "fist"
+_SHAPE_ERRORS = 30.0  # ways in which a hand is not the model: length and girth of fifteen phalanges
 _FREEDOMS = ("mcp_flex", "mcp_abd", "pip_flex", "dip_flex")
 _MOST_CAMERAS = 2  # along whose lines of sight fingers are flipped
 
@@ -125,6 +130,16 @@ class GlobalObjective:
             for term in source.terms(shape, candidate.params, band_m, unbiased, self.palms)
         ]
         return Problem(model, terms, pose_priors(model, SEARCH_REST_RAD))
+
+    def independent_errors(self, candidate: Candidate) -> float:
+        """Return how many measurements err independently of each other where a pose is.
+
+        Along a phalanx outlines and clouds err alike; and all views of one hand err alike that is not the model's.
+        """
+        shape = candidate.shape
+        assert shape is not None, "a candidate of evidence starts from a shape"
+        pieces = sum(source.pieces(shape, candidate.params) for source in self.sources)
+        return 1.0 / (1.0 / max(pieces, 1.0) + 1.0 / _SHAPE_ERRORS)
 
     def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
         """Return the best, at most `most`, each pose once.
@@ -470,14 +485,14 @@ LOST_HAND = Search(
     ),
     rounds=(
         Round(
-            (Propose(rigid_grid_nearby, 28), Propose(standing_pose), Propose(depth_flips)),
+            ((rigid_grid_nearby, 28), (standing_pose, 0), (depth_flips, 0)),
             keep=0,
             enter=60,
-            fits=(Fit(wide, 8),),
+            fits=((wide, 8),),
         ),
-        Round(enter=10, fits=(Fit(wide, 12),)),
-        Round(enter=3, fits=(Fit(tracker),)),
-        Round((Propose(best_again),), adds=True, fits=(Fit(tracker_with_lost_fingers),)),
+        Round(enter=10, fits=((wide, 12),)),
+        Round(enter=3, fits=((tracker, 0),)),
+        Round(((best_again, 0),), adds=True, fits=((tracker_with_lost_fingers, 0),)),
     ),
     measure="cost of the observation with short arms (4 mm), the same for all",
     factor=0.95,
@@ -487,21 +502,21 @@ LOST_HAND = Search(
     ),
 )
 FINISH = (
-    Round(enter=5, fits=(Fit(tracker),)),
-    Round((Propose(best_again),), adds=True, fits=(Fit(tracker_with_lost_fingers),)),
-    Round((Propose(finger_swaps),), adds=True, fits=(Fit(wide, 12), Fit(tracker))),
+    Round(enter=5, fits=((tracker, 0),)),
+    Round(((best_again, 0),), adds=True, fits=((tracker_with_lost_fingers, 0),)),
+    Round(((finger_swaps, 0),), adds=True, fits=((wide, 12), (tracker, 0))),
 )
 """how first poses are finished, wherever they come from"""
 FIRST_POSE = Search(
     situation="there is no first pose",
     when="`--init auto`, *Detect hand*",
     rounds=(
-        Round((Propose(rigid_grid, 48),), enter=48, fits=(Fit(wide, 10),)),
-        Round((Propose(finger_bends, 12),), keep=12, fits=(Fit(wide, 12),)),
-        Round(enter=24, fits=(Fit(narrow, 8),)),
-        Round((Propose(best_of_unknown_size, 5),), adds=True, fits=(Fit(size),)),
+        Round(((rigid_grid, 48),), enter=48, fits=((wide, 10),)),
+        Round(((finger_bends, 12),), keep=12, fits=((wide, 12),)),
+        Round(enter=24, fits=((narrow, 8),)),
+        Round(((best_of_unknown_size, 5),), adds=True, fits=((size, 0),)),
         *FINISH,
-        Round((Propose(best_of_unknown_size, 1),), adds=True, fits=(Fit(size), Fit(tracker))),
+        Round(((best_of_unknown_size, 1),), adds=True, fits=((size, 0), (tracker, 0))),
     ),
     measure="cost of the observation with short arms (4 mm), the same for all; the surest comes first",
     most=5,
@@ -520,9 +535,9 @@ OTHER_SIDE = Search(
         "better; then of this side likewise"
     ),
     rounds=(
-        Round((Propose(rigid_grid_nearby, 28),), keep=0, enter=28, fits=(Fit(wide, 8),)),
-        Round(enter=10, fits=(Fit(wide, 12),)),
-        Round(enter=3, fits=(Fit(tracker_with_lost_fingers),)),
+        Round(((rigid_grid_nearby, 28),), keep=0, enter=28, fits=((wide, 8),)),
+        Round(enter=10, fits=((wide, 12),)),
+        Round(enter=3, fits=((tracker_with_lost_fingers, 0),)),
     ),
     measure="as for a first pose",
     taken="never: reported, where the log-odds of all frames together are above 5",

@@ -22,7 +22,7 @@ from handtrack.sampling.suppression import distinct
 from handtrack.terms.loss import geman_mcclure
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
-from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, Search, run_rounds
+from handtrack.tracking.search.engine import Candidate, Round, Search, run_rounds
 from handtrack.tracking.search.initialize import FEWEST
 from handtrack.tracking.search.start_confidence import model_length
 
@@ -152,8 +152,8 @@ IMAGE_JOINTS = Search(
     situation="joints in images alone must give a first pose",
     when="as before; without silhouettes and cloud, and of a body, this is all",
     rounds=(
-        Round((Propose(rotations_in_four_postures, 48),), fits=(Fit(polish_joints, 40),)),
-        Round((Propose(flips_in_depth_of_the_best, 6),), keep=6, fits=(Fit(polish_joints, 40),)),
+        Round(((rotations_in_four_postures, 48),), fits=((polish_joints, 40),)),
+        Round(((flips_in_depth_of_the_best, 6),), keep=6, fits=((polish_joints, 40),)),
     ),
     measure="robust distance of the joints in the images, and priors; shares of exp(−cost)",
     most=8,

@@ -20,7 +20,7 @@ from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, Search, improved
+from handtrack.tracking.search.engine import Candidate, Round, Search, improved
 from handtrack.tracking.search.policy import (
     SUSPICIOUS_FRAMES,
     SUSPICIOUS_RATIO,
@@ -113,7 +113,7 @@ LOST_FINGER = Search(
         f"each of the first {SUSPICIOUS_FRAMES} frames; every {SEARCH_EVERY}th frame (`tracker.escape`)"
     ),
     rounds=(
-        Round((Propose(finger_shift), Propose(finger_on_grid, 4)), keep=0, fits=(Fit(frame_schedule),)),
+        Round(((finger_shift, 0), (finger_on_grid, 4)), keep=0, fits=((frame_schedule, 0),)),
     ),
     measure="the frame's cost in its narrowest band, without the pull to the prediction",
     margin=2.0,  # [log-likelihood] e² times as probable
@@ -123,7 +123,7 @@ LOST_FINGER = Search(
 SHIFTED_FINGERS = Search(
     situation="all fingers may be one off",
     when="each frame, by the 2004 paper's method",
-    rounds=(Round((Propose(finger_shift_as_bent),), keep=0, fits=(Fit(frame_schedule),)),),
+    rounds=(Round(((finger_shift_as_bent, 0),), keep=0, fits=((frame_schedule, 0),)),),
     measure="as for a lost finger",
     again="in the next frame",
 )

@@ -21,7 +21,6 @@ from handtrack.tracking.search.evidence.hand_shapes import (
     shape_of,
 )
 from handtrack.tracking.search.global_search import OTHER_SIDE, GlobalObjective
-from handtrack.tracking.search.start_confidence import independent_errors
 
 _NEAR_M = 0.10  # how far the other hand's palm may be from this one's
 
@@ -52,7 +51,7 @@ def evidence_of_other_side(
             continue
         shape = shape_of(model, model.joint_params(params), "tracked")
         ours = objective.measured(Candidate(model, params, origin="tracked", shape=shape))
-        count = independent_errors(objective.sources, ours)
+        count = objective.independent_errors(ours)
         objective = replace(
             objective,
             solve=fitting(settings, seen, control),

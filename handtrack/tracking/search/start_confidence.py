@@ -26,7 +26,6 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import agreement
 from handtrack.tracking.search.engine import Candidate
-from handtrack.tracking.search.evidence.source import EvidenceSource
 
 BASIN_M = 0.012
 """mean distance of the joints from their true places from which tracking goes on: what confidence is about"""
@@ -34,21 +33,9 @@ _BASIN_SHARE = 0.063
 """the same as a share of the length of a hand (190 mm), for bodies: 110 mm of 1.75 m"""
 SIZE_SIGMA, KNOWN_SIZE_SIGMA = 0.06, 0.02
 """share by which adults' hands differ in size (ANSUR II: 5–95 % is ±10 %), and by which a measured one may be wrong"""
-_SHAPE_ERRORS = 30.0  # ways in which a hand is not the model: length and girth of fifteen phalanges
 _DRAWS = 300  # of a pose from its spread
 _DRAWN_OF_EACH = 64  # of each of several poses: 8 of them are known to 2 % together
 _RIDGE = 1e-9  # of the largest diagonal entry: directions of which nothing is seen at all
-
-
-def independent_errors(sources: Sequence[EvidenceSource], candidate: Candidate) -> float:
-    """Return how many measurements err independently of each other where a pose is.
-
-    Along a phalanx outlines and clouds err alike; and all views of one hand err alike that is not the model's.
-    """
-    shape = candidate.shape
-    assert shape is not None, "a candidate of evidence starts from a shape"
-    pieces = sum(source.pieces(shape, candidate.params) for source in sources)
-    return 1.0 / (1.0 / max(pieces, 1.0) + 1.0 / _SHAPE_ERRORS)
 
 
 def shares(costs: Floats[N], count: float) -> Floats[N]:

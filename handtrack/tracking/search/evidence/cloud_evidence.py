@@ -15,9 +15,15 @@ from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
 from handtrack.terms.clouds.distance_map import DistanceMap, distance_map
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.search.evidence.hand_shapes import REACH_M, HandShape, palm_middle
+from handtrack.tracking.search.evidence.hand_shapes import (
+    PALM_DEEP_M,
+    PIECE_M,
+    REACH_M,
+    HandShape,
+    group_middles,
+    palm_middle,
+)
 from handtrack.tracking.search.evidence.score_kernels import cloud_scores
-from handtrack.tracking.search.evidence.source import PALM_DEEP_M, PIECE_M, group_middles
 
 _VOXEL_M = 0.008
 _MOST = 2000  # points; voxels grow until there are no more
@@ -53,13 +59,9 @@ class CloudEvidence:
         start = np.cumsum([0, *map(len, ways)]).astype(np.int64)
         return np.concatenate([*ways, np.zeros((0, 3))]), start
 
-    @property
-    def places(self) -> Floats[M, D3]:
-        return self._places
-
     @cached_property
-    def _places(self) -> Floats:
-        """Return (M, 3) where a palm's middle may be: all over the cloud, the nearest to the cameras first."""
+    def places(self) -> Floats[M, D3]:
+        """Where a palm's middle may be, world [m]: all over the cloud, the nearest to the cameras first."""
         sights = self._sights[0]
         away = -sights.mean(axis=0) if len(sights) else np.zeros(3)
         near = self.points @ away

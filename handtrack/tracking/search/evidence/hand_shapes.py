@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, Array, Floats, K, P, S, V, X, Y, Z, array_dataclass
+from handtrack.arrays import D3, D4, Array, Floats, K, N, P, S, V, X, Y, Z, array_dataclass
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
@@ -19,6 +19,10 @@ _WRIST_BENDS_DEG = (0.0, -40.0, 40.0)  # of a forearm in view
 _MIDDLE = 0.6  # of the way from the wrist to the middle knuckle: the palm's middle
 REACH_M = 0.14
 """Around the palm's middle of a mean hand lies the whole hand, its fingers stretched, and some of the forearm."""
+PALM_DEEP_M = 0.014
+"""from the palm's skin to its middle"""
+PIECE_M = 0.03
+"""length of a phalanx, along which a model that is not this person's hand errs alike; it is half as broad"""
 _NODE_M = 0.006
 _POINT_M = 0.012
 _LEAST_BALL_M, _BALLS_COVER = 0.003, 1.5  # radii: a ball stands for those with their middle so near
@@ -85,6 +89,16 @@ def hand_shapes(
                 joint[model.parameter_names.index("wrist_flex")] = np.deg2rad(bend)
             shapes.append(shape_of(model, joint, posture))
     return tuple(shapes)
+
+
+def group_middles(points: Floats[N, D3], apart_m: float, most: int | None = None) -> Floats[K, D3]:
+    """Return the means of groups of points that lie within `apart_m` of the group's first, the first points' groups first."""
+    chosen: list[Floats] = []
+    while len(points) and (most is None or len(chosen) < most):
+        near = np.linalg.norm(points - points[0], axis=1) < apart_m
+        chosen.append(points[near].mean(axis=0))
+        points = points[~near]
+    return np.array(chosen).reshape(-1, 3)
 
 
 def palm_middle(model: ArticulatedModel, params: Floats[P]) -> Floats[D3]:

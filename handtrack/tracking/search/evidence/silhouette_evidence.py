@@ -15,9 +15,14 @@ from handtrack.observation.observation import UNKNOWN, Silhouette
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle
+from handtrack.tracking.search.evidence.hand_shapes import (
+    PALM_DEEP_M,
+    PIECE_M,
+    HandShape,
+    group_middles,
+    palm_middle,
+)
 from handtrack.tracking.search.evidence.score_kernels import silhouette_scores
-from handtrack.tracking.search.evidence.source import PALM_DEEP_M, PIECE_M, group_middles
 
 _REACH_M = 0.4  # of the box around where the lines of sight meet: a hand and some arm
 _SIDE_M = 0.01  # of a cell; twice that in the coarse grid, whose cells are halved
@@ -132,13 +137,9 @@ class SilhouetteEvidence:
     """at about 3.5 mm a pixel at the hand's distance"""
     hull: VisualHull
 
-    @property
-    def places(self) -> Floats[M, D3]:
-        return self._places
-
     @cached_property
-    def _places(self) -> Floats:
-        """Return (M, 3) where a palm's middle may be: within the hull, its thickest parts first."""
+    def places(self) -> Floats[M, D3]:
+        """Where a palm's middle may be, world [m]: within the hull, its thickest parts first."""
         deep = self.hull.depth > 0.5 * min(PALM_DEEP_M, float(self.hull.depth.max(initial=0.0)))
         order = np.argsort(-self.hull.depth[deep], kind="stable")
         # balls of that radius cannot cover more: a mask of the whole image would take for ever from small ones
