@@ -11,9 +11,9 @@ from handtrack.observation.observation import Silhouette
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.problem import Problem
-from handtrack.terms.silhouettes.coverage import CoverageTerm, rows_apart
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
+from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm, rows_apart
 
 WIDE_PX = 6.0
 """the widest band of the schedule is the slowest: spans are longest and overlap most"""

@@ -15,8 +15,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids, field_image, model_mask
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Silhouette
-from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
-from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
 from handtrack.terms.silhouettes.unexplained import THICK_M, pieces
 
 MODEL_ONLY = (0, 114, 178)
@@ -34,11 +33,10 @@ def predicted_image(
     term: ConicFieldTerm | CoverageTerm, index: int, bones: BonePoses
 ) -> Floats[H, W]:
     """Return P of a term's silhouette number `index`."""
-    flesh, shape = term.ellipsoids.posed(bones), term.shape
-    image = field_image(
-        term.silhouettes[index].camera, flesh, shape.levels[index], shape.depth_scaled
-    )
-    return np.maximum(image, -shape.limit)
+    flesh, field = term.ellipsoids.posed(bones), term.fields[index]
+    camera = term.silhouettes[index].camera
+    image = field_image(camera, flesh, field.levels, field.depth_scaled)
+    return np.maximum(image, -field.limit)
 
 
 def residual_image(predicted: Floats[H, W], mask: Array[H, W]) -> Floats[H, W]:

@@ -10,9 +10,8 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
-from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
-from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
+from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
 from tests.derivatives import check_problem
 from tests.experiments.scenes.simulated_fields import field_views
 

@@ -10,8 +10,7 @@ from handtrack.terms.images.outline_edges import OutlineEdgesTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber, quadratic
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
-from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
-from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
 from tests.derivatives import check_observation_term, check_parameter_term
 from tests.terms.image_scene import edges_seen, scene, texture_seen
 from tests.terms.silhouette_scene import bones_of, ellipsoids_of, moved_along, silhouettes_of

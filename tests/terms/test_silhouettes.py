@@ -16,10 +16,9 @@ from handtrack import (
 )
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
-from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
+from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
 from handtrack.tracking.frame.assessment import assess, outline_fit
 from handtrack.tracking.frame.constants import DOUBTFUL_PIECE_MM2
 from handtrack.tracking.frame.frame_terms import frame_terms
@@ -48,7 +47,7 @@ def test_moments_equal_the_dense_jacobian(rng, radii, distance, band_px, kind):
     dense = dense_field(seen, flesh, bones, depth_scaled=not kind).system(1.7)
     assert_same_system(field.linearize(bones), dense)
     term = CoverageTerm(seen, flesh, band_px, start, antisymmetric=kind, weight=0.3)
-    dense = dense_field(seen, flesh, bones, term.shape.levels, clamp=True).system(0.3)
+    dense = dense_field(seen, flesh, bones, [f.levels for f in term.fields], clamp=True).system(0.3)
     assert_same_system(term.linearize(bones), dense)
     assert term.cost(bones) == pytest.approx(dense.cost, rel=1e-12)
 
@@ -114,7 +113,9 @@ def test_what_nobody_knows_counts_for_nothing(rng, antisymmetric, step):
 
     rows = [replace(s, valid=s.valid * (np.arange(72) % step == step // 2)[:, None]) for s in seen]
     term = term_of(seen)
-    dense = dense_field(rows, flesh, bones, term.shape.levels, clamp=True).system(0.3 * step)
+    dense = dense_field(rows, flesh, bones, [f.levels for f in term.fields], clamp=True).system(
+        0.3 * step
+    )
     assert_same_system(term.linearize(bones), dense)
     as_background = [replace(s, mask=np.maximum(s.mask, 0)) for s in seen]
     assert term_of(as_background).cost(bones) > 1.01 * term.cost(bones)

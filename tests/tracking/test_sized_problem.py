@@ -15,7 +15,7 @@ from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.loss import geman_mcclure
-from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import linearize_sized
 from tests.derivatives import check_gradient

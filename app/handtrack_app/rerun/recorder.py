@@ -23,9 +23,8 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.session.formats.truth import mean_error_mm
 from handtrack.session.run import TrackingRun
-from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
-from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
@@ -209,7 +208,7 @@ class _Painter:
         for name, image in self._images.items():
             views.setdefault(name, {})["image"] = image
         for i, silhouette in enumerate(self._observation.silhouettes):
-            counts = _within(self._terms.prepared[i].valid, silhouette.mask.shape[1])
+            counts = _within(self._terms.prepared[i].mask.valid, silhouette.mask.shape[1])
             counts &= silhouette.mask >= 0
             mask = np.where(counts, silhouette.mask, 0.0)
             made = views.setdefault(silhouette.camera.name, {})

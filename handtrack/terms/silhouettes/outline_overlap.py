@@ -13,7 +13,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.silhouettes.overlap_kernels import overlap_areas
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette
-from handtrack.terms.silhouettes.silhouette_field import prepared
+from handtrack.terms.silhouettes.silhouette_terms import prepared
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,9 @@ def parts_overlap(
     starts = np.cumsum([0, *map(len, parts)])
     members = np.concatenate([*parts, np.empty(0, np.int64)]).astype(np.int64)
     areas = np.zeros((len(seen), len(parts), 2))
-    for camera, found in zip(seen, areas, strict=True):
-        flesh = rescaled.thicker(camera.wider_m).arrays
-        overlap_areas(bones.frames, flesh, camera.arrays, starts, members, row_step, found)
+    for seen_by, found in zip(seen, areas, strict=True):
+        flesh = rescaled.thicker(seen_by.wider_m).arrays
+        view = seen_by.camera.projection, seen_by.mask
+        overlap_areas(bones.frames, flesh, *view, starts, members, row_step, found)
     mask = np.array([camera.area for camera in seen])
     return [OutlineOverlap(areas[:, n, 0], mask, areas[:, n, 1]) for n in range(len(parts))]

@@ -22,7 +22,7 @@ from handtrack.terms.silhouettes.conic_kernels import (
 
 @compiled
 def overlap_areas(
-    frames, ellipsoids, mask, starts, members, step, areas
+    frames, ellipsoids, projection, mask, starts, members, step, areas
 ):  # pragma: no cover - compiled
     """Fill areas (N, 2): pixels that each part covers, and −ΣZ over them, by one row of each `step`.
 
@@ -33,7 +33,7 @@ def overlap_areas(
     centres, shapes = np.empty((count, 3)), np.empty((count, 3, 3))
     posed_shapes(frames, ellipsoids, centres, shapes)
     ellipses, levels = np.zeros((count, ELLIPSE)), np.ones((count, 2))
-    project(mask.projection, width, height, centres, shapes, levels, False, ellipses)
+    project(projection, width, height, centres, shapes, levels, False, ellipses)
     spans = np.empty((count, 2), np.int64)
     for part in range(starts.shape[0] - 1):
         covered, both = 0.0, 0.0

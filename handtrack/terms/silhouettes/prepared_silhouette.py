@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from handtrack.arrays import (
     D2,
-    D3,
-    D4,
     D8,
     D24,
     Array,
@@ -36,23 +34,8 @@ from handtrack.terms.silhouettes.pieces_kernels import fill_pieces, mark_edges
 
 
 class MaskArrays(NamedTuple):
-    """A mask in its camera, as compiled sums take it; see `PreparedSilhouette`."""
+    """An observation Z as pieces of one value, as compiled sums take it."""
 
-    projection: Floats[D3, D4]
-    valid: Array[H, D2]
-    begins: Ints[L]
-    ends: Ints[K]
-    values: Floats[K]
-    edges: Bytes[H, M]
-    powers: Floats[N, D8]
-    heights: Floats[X, D24]
-
-
-@array_dataclass
-class PreparedSilhouette:
-    """One camera's observation Z, ready for terms. Made by `prepare`, shared by all terms of a frame."""
-
-    camera: Camera
     valid: Array[H, D2]
     """int32: per row the half-open column span that counts."""
     begins: Ints[L]
@@ -63,36 +46,31 @@ class PreparedSilhouette:
     """Z; above 0 where nobody knows, which counts for nothing."""
     edges: Bytes[H, M]
     """(H, W // 8 + 1): a bit for each pixel at which a piece begins, but the first of a row."""
-    row_energy: Floats[H]
-    """Σ Z² over each row's valid pixels."""
-    area: float
-    """−Σ Z over valid pixels: the mask's area [px]."""
     powers: Floats[N, D8]
     """(2W + 1, 8): sums of x⁰ … x⁴, see `power_sums`."""
     heights: Floats[X, D24]
     """(2H + 1, 24): the powers of y that go with each sum, see `height_powers`."""
+
+
+@array_dataclass
+class PreparedSilhouette:
+    """One camera's observation Z, ready for terms. Made by `prepare`, shared by all terms of a frame."""
+
+    camera: Camera
+    mask: MaskArrays
+    row_energy: Floats[H]
+    """Σ Z² over each row's valid pixels."""
+    area: float
+    """−Σ Z over valid pixels: the mask's area [px]."""
     wider_m: float = 0.0
     """by how much the outline of a hand is farther out in it than the hand's own, all along"""
-
-    @cached_property
-    def arrays(self) -> MaskArrays:
-        """The same for compiled sums."""
-        return MaskArrays(
-            np.ascontiguousarray(self.camera.projection),
-            self.valid,
-            self.begins,
-            self.ends,
-            self.values,
-            self.edges,
-            self.powers,
-            self.heights,
-        )
 
     @property
     def outline_px(self) -> float:
         """How long the mask's outline is [px]: Crofton, by crossings of rows."""
-        rows = np.repeat(np.arange(len(self.begins) - 1), np.diff(self.begins))
-        crossed = (rows[1:] == rows[:-1]) & (np.abs(np.diff(self.values)) > 0.5)
+        begins = self.mask.begins
+        rows = np.repeat(np.arange(len(begins) - 1), np.diff(begins))
+        crossed = (rows[1:] == rows[:-1]) & (np.abs(np.diff(self.mask.values)) > 0.5)
         return 0.5 * np.pi * float(crossed.sum())
 
     def energy(self, step: int) -> float:
@@ -103,7 +81,7 @@ class PreparedSilhouette:
         """Return the observation factor · Z; factor > 0."""
         return replace(
             self,
-            values=factor * self.values,
+            mask=self.mask._replace(values=factor * self.mask.values),
             row_energy=factor**2 * self.row_energy,
             area=factor * self.area,
         )
@@ -139,18 +117,9 @@ def prepare(
         raise HandtrackError(
             f"{where}: it holds values that are not finite numbers; expected coverage from 0 to 1 (or a field ≤ 0)."
         )
-    return PreparedSilhouette(
-        camera,
-        valid,
-        begins,
-        ends,
-        values,
-        edges,
-        energy,
-        float(area),
-        power_sums(width),
-        height_powers(height),
-    )
+    powers = power_sums(width), height_powers(height)
+    mask = MaskArrays(valid, begins, ends, values, edges, *powers)
+    return PreparedSilhouette(camera, mask, energy, float(area))
 
 
 def clip_spans(valid: Array[H, D2], line: Sequence[float]) -> Array[H, D2]:

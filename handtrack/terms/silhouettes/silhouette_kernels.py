@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, E, Floats
+from handtrack.arrays import D2, D3, D4, E, Floats
 from handtrack.compiled import compiled, compiled_as_numpy
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.kinematics import Frames
@@ -64,11 +64,15 @@ _SURELY = 1e-6  # [px] nearer to its end, rounding decides whether a pixel is sa
 
 
 class CameraField(NamedTuple):
-    """A `FieldShape` in one camera, as compiled sums take it."""
+    """P in one camera: the least of s (q − t), at most 0 and at least −limit, over ellipsoids; q: −1 at the centre, 0 on the outline."""
 
+    projection: Floats[D3, D4]
     levels: Floats[E, D2]
+    """t and s of each ellipsoid"""
     limit: float
+    """infinite for a field without a floor"""
     depth_scaled: bool
+    """the paper's scale: s = −1/C*₃₃ [m⁻²] instead, which puts near ellipsoids before far ones"""
     step: int
     """of so many rows one is looked at, which stands for all"""
 
@@ -109,7 +113,7 @@ def silhouette_sums(
             cost += c[i] * (0.5 * mc[i] - z[i])
         if sums.width == 6:
             conic_by_twist(
-                mask.projection,
+                field.projection,
                 centre_world[e],
                 shape_world[e],
                 frames.reference,
@@ -129,7 +133,7 @@ def silhouette_sums(
                 wide,
             )
             by = conic_by_field(
-                mask.projection,
+                field.projection,
                 centre_world[e],
                 (shape_world[e], own, wide),
                 frames.reference,
@@ -148,7 +152,7 @@ def camera_moments(
     """Fill ellipses (E + 2, ELLIPSE) and moments (E + 2, MOMENTS), zeros at first, of ellipsoids in one camera."""
     height, width = mask.valid.shape[0], (mask.powers.shape[0] - 1) // 2
     project(
-        mask.projection,
+        field.projection,
         width,
         height,
         centre_world,

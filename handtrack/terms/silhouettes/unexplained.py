@@ -57,12 +57,13 @@ def pieces(left: Array[H, W], radius: float) -> tuple[Ints[H, W], Floats[N]]:
 def _mask(silhouette: PreparedSilhouette) -> Array[H, W]:
     """Return where the mask surely shows the hand."""
     width, height = silhouette.camera.size
-    begins = np.zeros(len(silhouette.ends), np.int64)
-    begins[1:] = silhouette.ends[:-1]
-    begins[silhouette.begins[:-1]] = 0
-    values = np.repeat(silhouette.values, silhouette.ends - begins).reshape(height, width)
+    mask = silhouette.mask
+    begins = np.zeros(len(mask.ends), np.int64)
+    begins[1:] = mask.ends[:-1]
+    begins[mask.begins[:-1]] = 0
+    values = np.repeat(mask.values, mask.ends - begins).reshape(height, width)
     column = np.arange(width)
-    observed = (column >= silhouette.valid[:, :1]) & (column < silhouette.valid[:, 1:])
+    observed = (column >= mask.valid[:, :1]) & (column < mask.valid[:, 1:])
     return observed & (values < -0.5)
 
 

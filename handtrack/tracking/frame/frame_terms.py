@@ -17,11 +17,14 @@ from handtrack.terms.collision import contact
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
-from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
-from handtrack.terms.silhouettes.coverage import CoverageTerm, rows_apart
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
-from handtrack.terms.silhouettes.silhouette_field import FieldTerm
+from handtrack.terms.silhouettes.silhouette_terms import (
+    ConicFieldTerm,
+    CoverageTerm,
+    FieldTerm,
+    rows_apart,
+)
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.constants import FOREARM_SEEN_MM, LOST_OVERLAP
 from handtrack.tracking.frame.settings import TrackerSettings

@@ -12,7 +12,7 @@ from handtrack.model.kinematics import BoneFields
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.silhouettes.silhouette_field import FieldTerm
+from handtrack.terms.silhouettes.silhouette_terms import FieldTerm
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.size.person import PersonChange
 

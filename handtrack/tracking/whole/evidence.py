@@ -17,7 +17,7 @@ from handtrack.observation.pins import ImagePins
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.depth_flips import only_camera
 from handtrack.tracking.frame.descent import stage_problem

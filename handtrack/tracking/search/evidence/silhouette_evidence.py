@@ -12,8 +12,8 @@ from handtrack.arrays import D3, Array, Floats, Ints, M, N, P, R, array_dataclas
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.triangulation import triangulated
 from handtrack.observation.observation import UNKNOWN, Silhouette
-from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
+from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.search.evidence.hand_shapes import (
     PALM_DEEP_M,
