@@ -17,7 +17,7 @@ from handtrack.model.limits import Limits
 from handtrack.model.model_file import load_model
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
 from handtrack.model.transform import build_transform
-from handtrack.sampling.chains import PreparedChain, chain_along, chains_of, prepare
+from handtrack.sampling.chains import Chain, chain_along, chains_of
 from handtrack.sampling.interpretation_tree import interpretation_tree
 
 LIMBS, LENGTH_M = 5, 0.25
@@ -31,20 +31,19 @@ def jump_tree_1024() -> dict[str, Any]:
     """
     model, camera = tentacle(), _camera()
     chain = chain_along(model, "tentacle", model.joint_names)
-    ready = prepare(model, chain)
     params = _pose(model)
     body = load_model("body34")
-    limbs = [prepare(body, c) for c in chains_of(body)]
+    limbs = chains_of(body)
     standing = body.rest_params()
 
     def ours() -> Floats:
-        return interpretation_tree(model, params, [ready], camera).params
+        return interpretation_tree(model, params, [chain], camera).params
 
     def whole_body() -> Floats:
         return interpretation_tree(body, standing, limbs, camera).params
 
     def reference() -> list[list[float]]:
-        return leaves_one_by_one(model, params, ready, camera)
+        return leaves_one_by_one(model, params, chain, camera)
 
     found, known = ours(), np.array(reference())
     assert found.shape == known.shape == (1024, len(params)), (found.shape, known.shape)
@@ -111,7 +110,7 @@ def tentacle() -> ArticulatedModel:
 
 
 def leaves_one_by_one(
-    model: ArticulatedModel, params: Floats[P], chain: PreparedChain, camera: Camera
+    model: ArticulatedModel, params: Floats[P], chain: Chain, camera: Camera
 ) -> list[list[float]]:
     """Return the leaves' parameters by the plain loop. The tentacle's zero pose has all frames parallel to the world."""
     bones = model.bones(params)

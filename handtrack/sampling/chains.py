@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -18,26 +18,20 @@ _TO_FLIP = 2  # freedoms that move a link's end anywhere on its sphere (2003 pap
 _LIMBS = {"arm": ("shoulder", "elbow", "wrist", "hand"), "leg": ("hip", "knee", "ankle", "toe")}
 
 
-@dataclass(frozen=True)
-class Chain:
-    """Joints that are jumped together, the one nearest to the root first."""
-
-    name: str
-    joints: tuple[str, ...]
-    parameters: tuple[str, ...]
-    """the solver parameters that move this chain and nothing else"""
-
-
 @array_dataclass
-class PreparedChain:
-    """A chain's geometry at the zero pose, where its rotations are a product of turns about fixed axes.
+class Chain:
+    """Joints that are jumped together, and their geometry at the zero pose, where rotations are a product of turns about fixed axes.
 
     Hinge by hinge in kinematic order, K of them; L links. A link's end is moved by its own hinges, all of
     which pass through its start: a bone's twist belongs to the link after it, for it does not move the
     bone's own end.
     """
 
-    chain: Chain
+    name: str
+    joints: tuple[str, ...]
+    """the one nearest to the root first"""
+    parameters: tuple[str, ...]
+    """the solver parameters that move this chain and nothing else"""
     carrier: int
     """the bone that carries the chain: parent of the first hinge's bone"""
     carrier_zero: Floats[D3, D3]
@@ -68,7 +62,8 @@ class PreparedChain:
         return np.flatnonzero(self.link == link)
 
 
-def chains_of(model: ArticulatedModel, wanted: Sequence[str] = ("all",)) -> tuple[Chain, ...]:
+@lru_cache(maxsize=8)
+def chains_of(model: ArticulatedModel, wanted: tuple[str, ...] = ("all",)) -> tuple[Chain, ...]:
     """Return the chains that a model's joints offer: fingers of a hand; neck, arms and legs of a body.
 
     wanted: only those of these names. HandtrackError for a name that none has.
@@ -83,7 +78,7 @@ def chains_of(model: ArticulatedModel, wanted: Sequence[str] = ("all",)) -> tupl
             if there[:3] == named[:3]:
                 offered.append((f"{side}_{limb}", _flipping(model, there)))
     there = {name: joints for name, joints in offered if set(joints) <= set(model.joint_names)}
-    names = tuple(there) if tuple(wanted) == ("all",) else tuple(dict.fromkeys(wanted))
+    names = tuple(there) if wanted == ("all",) else tuple(dict.fromkeys(wanted))
     for name in names:
         if name not in there:
             raise unknown_name("chain", name, tuple(there), "mixture.chains")
@@ -98,36 +93,33 @@ def _flipping(model: ArticulatedModel, joints: tuple[str, ...]) -> tuple[str, ..
 
 
 def chain_along(model: ArticulatedModel, name: str, joints: Sequence[str]) -> Chain:
-    """Return the chain through named joints of a model; HandtrackError for an unknown joint."""
+    """Return the chain through named joints of a model; HandtrackError for an unknown joint, and where a link's length is not fixed by the
+    skeleton.
+    """
+    skeleton, matrix = model.skeleton, model.transform.matrix
     columns, link = _hinges_between(model, joints)
-    matrix = model.transform.matrix
-    inside = columns[(link >= 0) & (link < len(joints) - 1)]
-    own = [p for p in range(matrix.shape[1]) if _leads_only(matrix[:, p], inside)]
-    return Chain(name, tuple(joints), tuple(model.transform.names[p] for p in own))
-
-
-def prepare(model: ArticulatedModel, chain: Chain) -> PreparedChain:
-    """Return a chain's geometry; HandtrackError where a link's length is not fixed by the skeleton."""
-    skeleton = model.skeleton
-    columns, link = _hinges_between(model, chain.joints)
     zero = model.bones(model.transform.solver_params(np.zeros(skeleton.parameter_count)))
     points = model.joint_positions(zero)
-    joints = np.array(indices(model.joint_names, chain.joints))
+    places = np.array(indices(model.joint_names, joints))
     bone = skeleton.hinge_bone[columns - 6]
     axes = np.einsum("kij,kj->ki", zero.rotation[bone], skeleton.hinge_axis[columns - 6])
-    for k in np.flatnonzero((link >= 0) & (link < len(joints) - 1)):
-        arm = points[joints[link[k]]] - zero.position[bone[k]]
+    inside = (link >= 0) & (link < len(joints) - 1)
+    for k in np.flatnonzero(inside):
+        arm = points[places[link[k]]] - zero.position[bone[k]]
         if np.linalg.norm(np.cross(axes[k], arm)) > 1e-6:
             raise HandtrackError(
-                f"chain '{chain.name}': '{model.parameter_names[columns[k]]}' changes the distance between "
-                f"{chain.joints[link[k]]} and {chain.joints[link[k] + 1]}; name the joint between them as well."
+                f"chain '{name}': '{model.parameter_names[columns[k]]}' changes the distance between "
+                f"{joints[link[k]]} and {joints[link[k] + 1]}; name the joint between them as well."
             )
-    leader, ratio = _led(model.transform.matrix, columns, link)
+    own = [p for p in range(matrix.shape[1]) if _leads_only(matrix[:, p], columns[inside])]
+    leader, ratio = _led(matrix, columns, link)
     carrier = int(skeleton.parent[bone[0]])
     before = 6 + skeleton.hinges_above(carrier)
-    start = int(joints[0])
-    return PreparedChain(
-        chain=chain,
+    start = int(places[0])
+    return Chain(
+        name=name,
+        joints=tuple(joints),
+        parameters=tuple(model.transform.names[p] for p in own),
         carrier=carrier,
         carrier_zero=zero.rotation[carrier],
         start_bone=int(model.joint_bone[start]),
@@ -136,8 +128,8 @@ def prepare(model: ArticulatedModel, chain: Chain) -> PreparedChain:
         columns=columns,
         turns=Turns(axes, leader, ratio, model.limits.interval[columns]),
         link=link,
-        reach=np.diff(points[joints], axis=0),
-        end_joints=joints[1:],
+        reach=np.diff(points[places], axis=0),
+        end_joints=places[1:],
     )
 
 

@@ -27,7 +27,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses, bone_poses
 from handtrack.model.transform import ParameterTransform
-from handtrack.sampling.chains import Chain, PreparedChain, chains_of, prepare
+from handtrack.sampling.chains import Chain
 from handtrack.sampling.limb_ik_kernels import grow, pierce
 
 REACHED_M = 1e-9
@@ -58,7 +58,7 @@ class Branches:
 
 def rooted(
     model: ArticulatedModel,
-    chain: PreparedChain,
+    chain: Chain,
     poses: Sequence[BonePoses],
     joint_params: Floats[N, S],
 ) -> Branches:
@@ -75,7 +75,7 @@ def rooted(
 
 
 def extended(
-    chain: PreparedChain,
+    chain: Chain,
     branches: Branches,
     link: int,
     targets: Floats[N, M, D3],
@@ -134,7 +134,7 @@ class InterpretationTree:
 def interpretation_tree(
     model: ArticulatedModel,
     params: Floats[P],
-    chains: Sequence[Chain | PreparedChain] | None,
+    chains: Sequence[Chain],
     camera: Camera,
     targets_px: Floats[J, D2] | None = None,
     take_nearest: bool = False,
@@ -148,8 +148,6 @@ def interpretation_tree(
 
     Parameters
     ----------
-    chains
-        all that the model offers, where None
     targets_px
         where the model's joints are seen (NaN where they are not: there, and by default, the given pose's own projection counts)
     take_nearest
@@ -158,11 +156,7 @@ def interpretation_tree(
     rng
         draws the twist of a stretched limb within its limits; without it the given one stays
     """
-    ready = [
-        prepare(model, chain) if isinstance(chain, Chain) else chain
-        for chain in (chains_of(model) if chains is None else chains)
-    ]
-    _check_apart(model, ready)
+    _check_apart(model, chains)
     joint = model.joint_params(params)
     positions = model.joint_positions(model.bones(params))
     pixels = camera.project(positions)
@@ -172,8 +166,8 @@ def interpretation_tree(
     rays = camera.rays(pixels)
     leaves = joint[None]
     far, exact = np.empty((1, 0), dtype=bool), np.ones(1, dtype=bool)
-    for number, chain in enumerate(ready):
-        carried = _is_carried(chain, ready[:number])
+    for number, chain in enumerate(chains):
+        carried = _is_carried(chain, chains[:number])
         given = leaves if carried else joint[None]
         branches = _chain_leaves(model, chain, given, camera.centre, rays, take_nearest, rng)
         # the branches of one leaf, or of any leaf alike where the chain's base is the same in all of them
@@ -191,7 +185,7 @@ def interpretation_tree(
 def chain_flips(
     model: ArticulatedModel,
     params: Floats[P],
-    chain: Chain | PreparedChain,
+    chain: Chain,
     camera: Camera,
     least_rad: float = MOVED_RAD,
 ) -> Floats[L, P]:
@@ -207,7 +201,7 @@ def chain_flips(
 
 def _chain_leaves(
     model: ArticulatedModel,
-    chain: PreparedChain,
+    chain: Chain,
     given: Floats,
     centre: Floats,
     rays: Floats,
@@ -243,7 +237,7 @@ def _chain_leaves(
 
 def _inside(
     model: ArticulatedModel,
-    chain: PreparedChain,
+    chain: Chain,
     branches: Branches,
     given: Floats,
     take_nearest: bool,
@@ -289,20 +283,20 @@ def _solver_params(transform: ParameterTransform, joint_params: Floats, params: 
     return found
 
 
-def _is_carried(chain: PreparedChain, earlier: Sequence[PreparedChain]) -> bool:
+def _is_carried(chain: Chain, earlier: Sequence[Chain]) -> bool:
     """Return whether a chain's base moves with one of the earlier chains."""
     return any(np.isin(other.columns[other.own], chain.base_columns).any() for other in earlier)
 
 
-def _check_apart(model: ArticulatedModel, chains: Sequence[PreparedChain]) -> None:
+def _check_apart(model: ArticulatedModel, chains: Sequence[Chain]) -> None:
     """Raise unless no two chains share a hinge and those that carry others come first."""
     taken: dict[int, str] = {}
     for chain in chains:
-        name = chain.chain.name
+        name = chain.name
         for other in chains[chains.index(chain) + 1 :]:
             if np.isin(other.columns[other.own], chain.base_columns).any():
                 raise HandtrackError(
-                    f"chains '{name}' and '{other.chain.name}': the second carries the first; name it first."
+                    f"chains '{name}' and '{other.name}': the second carries the first; name it first."
                 )
         for column in chain.columns[chain.own]:
             if int(column) in taken:

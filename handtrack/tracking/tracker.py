@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import takewhile
 from typing import Any
 
@@ -14,7 +13,6 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.parallel import one_blas_thread
-from handtrack.sampling.chains import chains_of, prepare
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control
@@ -24,7 +22,7 @@ from handtrack.tracking.frame.prediction import predict
 from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
-from handtrack.tracking.hypotheses.mixture import MixtureStep, solve_mixture
+from handtrack.tracking.hypotheses.mixture import solve_mixture
 from handtrack.tracking.hypotheses.motion_belief import Hypothesis
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.lost_hand import with_hand_found
@@ -77,7 +75,7 @@ class Tracker:
         task = self._task(state, self._looked_at(state, observation), control)
         hypotheses: tuple[Hypothesis, ...] = ()
         if self.settings.tracker.hypotheses > 1:
-            solved, hypotheses = solve_mixture(self._mixture_step, task, state.hypotheses)
+            solved, hypotheses = solve_mixture(task, state.hypotheses)
         else:
             solved = solve_frame(task)
             if self.settings.tracker.recovery:
@@ -170,11 +168,6 @@ class Tracker:
             return None
         params = self.model.transform.solver_params(result.parameters)
         return Before(observation, self.model.bones(params))
-
-    @cached_property
-    def _mixture_step(self) -> MixtureStep:
-        chains = chains_of(self.model, self.settings.mixture.chains)
-        return MixtureStep(self.model, self.settings, [prepare(self.model, c) for c in chains])
 
 
 def _joined(seen: tuple[Any, ...], own: tuple[Any, ...]) -> tuple[Any, ...]:

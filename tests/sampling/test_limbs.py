@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import load_model
-from handtrack.sampling.chains import chain_along, chain_votes, chains_of, prepare
+from handtrack.sampling.chains import chain_along, chain_votes, chains_of
 from handtrack.sampling.interpretation_tree import extended, interpretation_tree, rooted
 from handtrack.sampling.limb_ik_kernels import pierce
 from tests.cameras import FACING, pinhole
@@ -54,7 +54,6 @@ def test_every_limb_finds_its_way_back(name, coupling, rng):
     model = load_model(name, coupling=coupling)
     rest = model.rest_params()
     for chain in chains_of(model):
-        ready = prepare(model, chain)
         joints = [model.joint_names.index(joint) for joint in chain.joints]
         own = [model.transform.names.index(p) for p in chain.parameters if p != "neck_twist"]
         for _ in range(20):
@@ -62,7 +61,7 @@ def test_every_limb_finds_its_way_back(name, coupling, rng):
             goal = model.joint_positions(model.bones(params))[joints]
             elsewhere = params.copy()
             elsewhere[own] = rest[own]
-            found = limb_angles(model, elsewhere, ready, goal[1:])
+            found = limb_angles(model, elsewhere, chain, goal[1:])
             off = np.abs(found - model.joint_params(params)).max(axis=1)
             assert off.min() < 1e-6, (chain.name, off)
             for joint in found:
@@ -73,18 +72,18 @@ def test_every_limb_finds_its_way_back(name, coupling, rng):
 def test_a_stretched_limb_keeps_its_twist_or_takes_the_one_given():
     model = load_model("body34")
     chain = next(c for c in chains_of(model) if c.name == "left_arm")
-    ready, params = prepare(model, chain), model.rest_params()
+    params = model.rest_params()
     twist, flex = (
         model.parameter_names.index(f"left_{n}") for n in ("shoulder_twist", "elbow_flex")
     )
     params[[twist, flex]] = 0.4, 0.0
     joints = [model.joint_names.index(joint) for joint in chain.joints[1:]]
     goal = model.joint_positions(model.bones(params))[joints]
-    kept = limb_angles(model, params, ready, goal)
+    kept = limb_angles(model, params, chain, goal)
     assert_allclose(kept[0], params, atol=1e-9)
     spare = params.copy()
     spare[twist] = -0.7
-    sampled = limb_angles(model, params, ready, goal, spare)
+    sampled = limb_angles(model, params, chain, goal, spare)
     assert sampled[0, twist] == pytest.approx(-0.7)
     assert_allclose(model.joint_positions(model.bones(sampled[0]))[joints], goal, atol=1e-9)
 
@@ -95,7 +94,7 @@ def test_positions_out_of_reach_have_no_solution():
     params = model.rest_params()
     places = model.joint_positions(model.bones(params))
     away = places[model.joint_names.index("left_wrist")] + (0.0, 0.0, 0.05)
-    assert limb_angles(model, params, prepare(model, chain), away[None]).shape == (0, 34)
+    assert limb_angles(model, params, chain, away[None]).shape == (0, 34)
 
 
 @pytest.fixture(scope="module")
@@ -191,9 +190,12 @@ def test_limits_prune(body, camera, rng):
     params = _bent(body, rng)
     wide = load_model("body34")
     wide.limits.interval[6:] = (-np.pi, np.pi)
-    legs = [c for c in chains_of(body) if c.name.endswith("leg")]
-    everything = interpretation_tree(wide, params, legs, camera).params
-    kept = interpretation_tree(body, params, legs, camera).params
+    everything, kept = (
+        interpretation_tree(
+            model, params, [c for c in chains_of(model) if c.name.endswith("leg")], camera
+        ).params
+        for model in (wide, body)
+    )
     allowed = everything[within_limits(body.limits, everything)]
     assert 0 < len(kept) < len(everything)
     assert within_limits(body.limits, kept).all()
@@ -236,9 +238,8 @@ def test_what_a_coupling_takes_is_not_a_fingers_own():
     linked = chains_of(load_model("hand26", coupling="18"))[1]
     # all four fingers spread together
     assert linked.parameters == ("index_mcp_flex", "index_pip_flex")
-    ready = prepare(load_model("hand26", coupling="18"), linked)
-    assert ready.turns.leader.tolist() == [0, -1, 2, 2]
-    assert_allclose(ready.turns.ratio[3], 2 / 3)
+    assert linked.turns.leader.tolist() == [0, -1, 2, 2]
+    assert_allclose(linked.turns.ratio[3], 2 / 3)
 
 
 def _along(model, **direction):

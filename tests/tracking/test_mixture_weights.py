@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from handtrack import ImageKeypoints, Observation, TrackerSettings, load_model
-from handtrack.sampling.chains import Chain, chains_of, prepare
+from handtrack.sampling.chains import chains_of
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
@@ -18,11 +18,12 @@ from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.hypotheses import mixture, mixture_search
-from handtrack.tracking.hypotheses.mixture import MixtureStep
+from handtrack.tracking.hypotheses.mixture import searched
 from handtrack.tracking.hypotheses.mixture_search import (
     Component,
+    FirstHypotheses,
+    MixtureObjective,
     NextHypotheses,
-    ReferenceCamera,
     coarse,
     pulled,
     without_memory,
@@ -32,7 +33,7 @@ from handtrack.tracking.hypotheses.motion_belief import MotionBelief
 BALL, HAND = load_model("ball6"), load_model()
 NOTHING = Observation(0, 0.0)
 SPIN, FACING = 5, 4  # the root's turn about z, and about y
-STIFF = [SimpleNamespace(chain=Chain("none", (), ()))]
+STIFF = [SimpleNamespace(name="none", joints=(), parameters=())]
 """no chain that could jump"""
 
 
@@ -72,8 +73,8 @@ def test_two_parameters_that_err_together_are_weighed_together():
         components.append(Component(belief(turned(angle), covariance), likely, 0.5))
         both = covariance[plane] + np.linalg.inv(information[plane])
         masses.append(multivariate_normal([0.0, angle], both).pdf([0.0, 0.35]))
-    found = MixtureStep(BALL, settings(), STIFF).next(NOTHING, components)
-    weights = dict(zip(found.parents, [h.weight for h in found.hypotheses], strict=True))
+    found, parents = searched(NextHypotheses(BALL, settings(), STIFF, NOTHING, components))
+    weights = dict(zip(parents, [h.weight for h in found], strict=True))
     assert weights[0] / weights[1] == pytest.approx(masses[0] / masses[1], rel=1e-2)
     assert abs(masses[0] / masses[1] - 1.0) > 0.3
 
@@ -97,10 +98,10 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
     monkeypatch.setattr(mixture_search, "JUMP_SHARE", share)
     chosen = settings(**{"mixture.draws": 4})
-    step = MixtureStep(HAND, chosen, [prepare(HAND, chain)])
+    following = NextHypotheses(HAND, chosen, [chain], look, [Component(last, terms, 1.0)])
     told = []
-    found = step.next(look, [Component(last, terms, 1.0)], Control(on_search=told.append))
-    weights = {h.origin: h.weight for h in found.hypotheses}
+    found, _ = searched(following, Control(on_search=told.append))
+    weights = {h.origin: h.weight for h in found}
     (report,) = told
     masses = {origin: np.exp(-cost) for origin, cost in report.rounds[0][1]}
     assert masses["index jumped"] / masses["followed"] == pytest.approx(
@@ -131,14 +132,13 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
     camera, rest = simulated_rig(1, (320, 240)).cameras[0], HAND.rest_params()
     pixels = camera.project(HAND.joint_positions(HAND.bones(rest)))
     seen = ImageKeypoints(camera, HAND.joint_names, pixels, 1.0)
-    eye = ReferenceCamera.of(HAND, Observation(0, 0.0, keypoints=(seen,)))
-    two = [prepare(HAND, chain) for chain in chains_of(HAND) if chain.name in ("index", "ring")]
+    look = Observation(3, 0.0, keypoints=(seen,))
+    two = [chain for chain in chains_of(HAND) if chain.name in ("index", "ring")]
     last = Component(belief(rest, 1e-4 * np.eye(26)), frame(HAND), 1.0)
 
     def log_priors(votes):
         monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
-        rng, chosen = np.random.default_rng(3), settings(**{"mixture.draws": 16})
-        following = NextHypotheses(HAND, chosen, two, eye, rng, [last])
+        following = NextHypotheses(HAND, settings(**{"mixture.draws": 16}), two, look, [last])
         return {c.origin: c.source.log_prior for c in following.each_jumped_along_chains([], 0)}
 
     even, uneven = log_priors([0.5, 0.5]), log_priors([0.2, 0.8])
@@ -152,16 +152,16 @@ def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monke
     components = [
         Component(belief(turned(angle), 1e-4 * np.eye(6)), frame(BALL), w) for w, angle in bells
     ]
-    found = MixtureStep(BALL, settings(), STIFF).next(NOTHING, components)
-    assert found.parents == (0, 1, 2)
-    assert_allclose([h.weight for h in found.hypotheses], [0.5, 0.3, 0.2], rtol=1e-6)
+    found, parents = searched(NextHypotheses(BALL, settings(), STIFF, NOTHING, components))
+    assert parents == (0, 1, 2)
+    assert_allclose([h.weight for h in found], [0.5, 0.3, 0.2], rtol=1e-6)
     apart = settings(**{"tracker.hypotheses": 2})
     monkeypatch.setattr(mixture, "APART_MM", 20.0)
-    found = MixtureStep(BALL, apart, STIFF).next(NOTHING, components)
-    assert found.parents == (0, 2)
-    assert_allclose([h.weight for h in found.hypotheses], [5 / 7, 2 / 7], rtol=1e-6)
+    found, parents = searched(NextHypotheses(BALL, apart, STIFF, NOTHING, components))
+    assert parents == (0, 2)
+    assert_allclose([h.weight for h in found], [5 / 7, 2 / 7], rtol=1e-6)
     # nothing was seen: the belief neither moved nor became surer
-    assert_allclose(found.hypotheses[1].params, turned(1.5), atol=1e-6)
+    assert_allclose(found[1].params, turned(1.5), atol=1e-6)
 
 
 @dataclass(frozen=True)
@@ -190,11 +190,12 @@ def test_of_a_first_frame_costs_alone_decide():
     terms = frame(BALL, Wells(((0.2, 1.0, 0.1), (1.4, 2.0, 0.5), (-1.5, 2.5, 0.1))))
     told = []
     control = Control(on_search=told.append)
-    found = MixtureStep(BALL, settings(), STIFF).first(NOTHING, terms, np.zeros(6), control)
-    assert_allclose([h.params[FACING] for h in found.hypotheses], [0.2, 1.4, -1.5], atol=1e-3)
+    first = FirstHypotheses(BALL, settings(), STIFF, NOTHING, terms, np.zeros(6))
+    found, parents = searched(first, control)
+    assert_allclose([h.params[FACING] for h in found], [0.2, 1.4, -1.5], atol=1e-3)
     weights = np.exp([-1.0, -2.0, -2.5])
-    assert_allclose([h.weight for h in found.hypotheses], weights / weights.sum(), rtol=1e-3)
-    assert found.parents == (-1, -1, -1)
+    assert_allclose([h.weight for h in found], weights / weights.sum(), rtol=1e-3)
+    assert parents == (-1, -1, -1)
     (report,) = told
     assert [count for count, _ in report.rounds] == [4, 5, 0]  # nothing to be seen: no trees
     assert report.winner == ("start", pytest.approx(1.0))
@@ -232,9 +233,10 @@ def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
         ImageKeypoints(second, HAND.joint_names, other, 1.0),
         ImageKeypoints(first, HAND.joint_names[::-1], pixels[::-1], sigma),
     )
-    eye = ReferenceCamera.of(HAND, Observation(0, 0.0, keypoints=joints))
-    assert eye.camera is first
-    assert_allclose(eye.joints, pixels)
+    seen = Observation(0, 0.0, keypoints=joints)
+    camera, places = MixtureObjective(HAND, settings(), (), seen).reference
+    assert camera is first
+    assert_allclose(places, pixels)
 
 
 def test_the_pull_is_the_belief_of_what_is_not_free():

@@ -13,7 +13,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
-from handtrack.sampling.chains import PreparedChain, chains_of, prepare
+from handtrack.sampling.chains import Chain, chains_of
 from handtrack.sampling.interpretation_tree import InterpretationTree, interpretation_tree
 from handtrack.sampling.polish import Polished, polish
 from handtrack.solver.covariance import covariance
@@ -67,14 +67,14 @@ class JumpScene:
 
 
 @lru_cache(maxsize=4)
-def limb_chains(model: ArticulatedModel) -> dict[str, PreparedChain]:
+def limb_chains(model: ArticulatedModel) -> dict[str, Chain]:
     """Return a body's chains by name."""
-    return {chain.name: prepare(model, chain) for chain in chains_of(model)}
+    return {chain.name: chain for chain in chains_of(model)}
 
 
 def joints_seen(model: ArticulatedModel) -> tuple[str, ...]:
     """Return the joints that are seen of a body: those of all, and the ends of its limbs where they flip."""
-    ends = (chain.chain.joints[-1] for chain in limb_chains(model).values())
+    ends = (chain.joints[-1] for chain in limb_chains(model).values())
     return SEEN + tuple(end for end in ends if end not in SEEN)
 
 
@@ -115,13 +115,13 @@ _NEAR_REST = {
 
 def _hold(
     model: ArticulatedModel,
-    chain: PreparedChain,
+    chain: Chain,
     params: Floats,
     rng: np.random.Generator,
 ) -> None:
     """Draw a limb's angles into params, evenly within the middle 80 % of their limits, until its links are steep enough."""
-    own = indices(model.transform.names, chain.chain.parameters)
-    joints = indices(model.joint_names, chain.chain.joints)
+    own = indices(model.transform.names, chain.parameters)
+    joints = indices(model.joint_names, chain.joints)
     low, high = model.bounds(params)[own].T
     centre = front_camera().centre
     while True:

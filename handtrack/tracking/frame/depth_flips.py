@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from handtrack.arrays import D3, Floats, J, K, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
-from handtrack.sampling.chains import PreparedChain, chains_of, prepare
+from handtrack.sampling.chains import chains_of
 from handtrack.sampling.interpretation_tree import chain_flips
 from handtrack.sampling.suppression import apart
 from handtrack.solver.problem import Problem
@@ -98,9 +96,4 @@ def flips_of_limbs(
     model: ArticulatedModel, params: Floats[P], camera: Camera
 ) -> dict[str, Floats[K, P]]:
     """Return by limb the poses in which it alone is flipped along a camera's lines of sight, within limits."""
-    return {c.chain.name: chain_flips(model, params, c, camera) for c in _chains(model)}
-
-
-@lru_cache(maxsize=8)
-def _chains(model: ArticulatedModel) -> tuple[PreparedChain, ...]:
-    return tuple(prepare(model, chain) for chain in chains_of(model))
+    return {c.name: chain_flips(model, params, c, camera) for c in chains_of(model)}

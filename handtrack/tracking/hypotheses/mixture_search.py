@@ -18,7 +18,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent, rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
-from handtrack.sampling.chains import PreparedChain, chain_votes
+from handtrack.sampling.chains import Chain, chain_votes
 from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.suppression import distinct
@@ -68,33 +68,31 @@ class Start(Candidate):
 
 
 @array_dataclass
-class ReferenceCamera:
-    """The camera whose lines of sight the flips keep: the one with most keypoints, else the first of the views."""
-
-    camera: Camera
-    joints: Floats[J, D2] | None
-    """where the model's joints are seen [px], NaN where they are not"""
-
-    @classmethod
-    def of(cls, model: ArticulatedModel, observation: Observation) -> ReferenceCamera | None:
-        if images := observation.image_keypoints:
-            most = max(images, key=lambda seen: int(np.isfinite(seen.pixels).sum()))
-            joints = np.full((len(model.joint_names), 2), np.nan)
-            joints[indices(model.joint_names, most.names)] = most.pixels
-            return cls(most.camera, joints)
-        views = observation.silhouettes or observation.images
-        return cls(views[0].camera, None) if views else None
-
-
-@array_dataclass
 class MixtureObjective:
     """What first frames and all others share; see engine.Objective."""
 
     model: ArticulatedModel
     settings: TrackerSettings
-    chains: Sequence[PreparedChain]
-    reference: ReferenceCamera | None
-    rng: np.random.Generator
+    chains: Sequence[Chain]
+    seen: Observation
+
+    @cached_property
+    def rng(self) -> np.random.Generator:
+        return np.random.default_rng([self.settings.tracker.seed, self.seen.frame])
+
+    @cached_property
+    def reference(self) -> tuple[Camera, Floats[J, D2] | None] | None:
+        """The camera whose lines of sight the flips keep: the one with most keypoints, else the first of the views; and where it sees the
+        model's joints [px], NaN where it does not.
+        """
+        if images := self.seen.image_keypoints:
+            names = self.model.joint_names
+            most = max(images, key=lambda seen: int(np.isfinite(seen.pixels).sum()))
+            joints = np.full((len(names), 2), np.nan)
+            joints[indices(names, most.names)] = most.pixels
+            return most.camera, joints
+        views = self.seen.silhouettes or self.seen.images
+        return (views[0].camera, None) if views else None
 
     def starts(self, source: Source, params: Floats[N, P]) -> list[Start]:
         """Return a start at each of params (N, P)."""
@@ -178,7 +176,7 @@ class FirstHypotheses(MixtureObjective):
             return []
         source = Source("first tree", self.terms, self.terms, MIXTURE_DESCENTS)
         latest = [c for c in found if c.source is found[-1].source]
-        return self.starts(source, self._trees_of_best(latest, self.reference, most))
+        return self.starts(source, self._trees_of_best(latest, *self.reference, most))
 
     def _turned(self, ways: int) -> Floats:
         """Return starts (N, P): the start turned all about the root's own y axis: who stands may face anywhere."""
@@ -190,7 +188,7 @@ class FirstHypotheses(MixtureObjective):
         return np.array([self.model.transform.solver_params(row) for row in rows])
 
     def _trees_of_best(
-        self, found: Sequence[Start], reference: ReferenceCamera, most: int
+        self, found: Sequence[Start], camera: Camera, joints: Floats[J, D2] | None, most: int
     ) -> Floats:
         """Return starts (N, P): leaves of the whole body's tree at a few of the best minima, and samples around them."""
         mixture, starts = self.settings.mixture, []
@@ -199,7 +197,7 @@ class FirstHypotheses(MixtureObjective):
             here, normal = params[row], found[row].normal
             assert normal is not None
             tree = interpretation_tree(
-                self.model, here, self.chains, reference.camera, reference.joints, True, self.rng
+                self.model, here, self.chains, camera, joints, True, self.rng
             )
             leaves = tree.params
             if len(leaves) > _LEAVES:
@@ -273,7 +271,7 @@ class NextHypotheses(MixtureObjective):
 
     def _jump(self, i: int, c: int) -> Source:
         """Return the source of starts in which a component's chain is anywhere within its limits."""
-        component, chain = self.components[i], self.chains[c].chain
+        component, chain = self.components[i], self.chains[c]
         model, belief, names = self.model, component.belief, self.model.transform.names
         if self.settings.traits.closest_prior:
             return Source(f"{chain.name} jumped", component.terms, component.terms, 1, belief, i)
@@ -330,9 +328,8 @@ class NextHypotheses(MixtureObjective):
     @cached_property
     def _votes(self) -> list[Floats]:
         """Of each component (C,) how probable it is that each chain jumps."""
-        chains = [ready.chain for ready in self.chains]
         return [
-            chain_votes(self.model, c.belief.mean, c.belief.place_covariance, chains)
+            chain_votes(self.model, c.belief.mean, c.belief.place_covariance, self.chains)
             for c in self.components
         ]
 
@@ -357,8 +354,7 @@ class NextHypotheses(MixtureObjective):
                 self.model,
                 sample,
                 [self.chains[c]],
-                reference.camera,
-                reference.joints,
+                *reference,
                 True,
                 self.rng,
             )
