@@ -59,6 +59,11 @@ def check_shape(array: Array[*Axes], shape: tuple[int | None, ...], name: str) -
         raise HandtrackError(f"{name}: expected an array of shape {expected}, found {array.shape}")
 
 
+def contiguous(*arrays: Floats[*Axes]) -> tuple[Floats[*Axes], ...]:
+    """Return arrays as compiled sums take them: so these are compiled for one kind of array only."""
+    return tuple(np.ascontiguousarray(array, dtype=float) for array in arrays)
+
+
 def pixel_grid(size: tuple[int, int]) -> Floats[H, W, D2]:
     """Return column and row of each pixel of an image of (width, height)."""
     return np.stack(np.meshgrid(np.arange(float(size[0])), np.arange(float(size[1]))), axis=-1)

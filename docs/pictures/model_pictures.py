@@ -9,7 +9,7 @@ from handtrack.arrays import D2, D3, Array, Bytes, Floats, H, N, P, W
 from handtrack.diagnostics.residual_image import field_picture
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import FINGERS, ArticulatedModel
-from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.simulation.render import render, shade
 from handtrack.simulation.simulate import simulated_rig
@@ -33,7 +33,7 @@ def segments(model: ArticulatedModel, bones: BonePoses) -> Floats[N, D2, D3]:
     return np.array(lines)
 
 
-def skeleton_balls(model: ArticulatedModel, bones: BonePoses) -> PosedEllipsoids:
+def skeleton_balls(model: ArticulatedModel, bones: BonePoses) -> Ellipsoids:
     """Return balls that together look like cylinders along the bones, thicker at the joints."""
     centres, radii = [], []
     for start, end in segments(model, bones):
@@ -45,11 +45,11 @@ def skeleton_balls(model: ArticulatedModel, bones: BonePoses) -> PosedEllipsoids
     centre, radius = np.concatenate(centres), np.concatenate(radii)
     count = len(centre)
     turn = np.tile(np.eye(3), (count, 1, 1))
-    return PosedEllipsoids(np.zeros(count, int), centre, turn, np.tile(radius[:, None], (1, 3)))
+    return Ellipsoids(np.zeros(count, int), centre, turn, np.tile(radius[:, None], (1, 3)))
 
 
 def rendered(
-    camera: Camera, flesh: PosedEllipsoids, color: Floats[D3], background: Array[H, W, D3]
+    camera: Camera, flesh: Ellipsoids, color: Floats[D3], background: Array[H, W, D3]
 ) -> Bytes[H, W, D3]:
     """Return a picture RGB of ellipsoids in one colour."""
     front, _, normal = render(camera, flesh)

@@ -12,7 +12,7 @@ import numpy as np
 
 from handtrack.arrays import D2, D3, Array, Bytes, Floats, H, J, N, W
 from handtrack.geometry.camera import Camera
-from handtrack.model.flesh import PosedEllipsoids, field_image, model_mask
+from handtrack.model.flesh import Ellipsoids, field_image, model_mask
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Silhouette
 from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
@@ -45,7 +45,7 @@ def residual_image(predicted: Floats[H, W], mask: Array[H, W]) -> Floats[H, W]:
 
 
 def residual_picture(
-    image: Bytes[H, W, D3], camera: Camera, flesh: PosedEllipsoids, mask: Array[H, W]
+    image: Bytes[H, W, D3], camera: Camera, flesh: Ellipsoids, mask: Array[H, W]
 ) -> Bytes[H, W, D3]:
     """Return the picture RGB with the disagreement of hard outline and mask painted over it, and pieces of the mask beside the
     model outlined, with their area at the model's distance.
@@ -116,16 +116,14 @@ def mask_picture(image: Bytes[H, W, D3], silhouette: Silhouette) -> Bytes[H, W, 
     return drawn
 
 
-def outline_polygons(camera: Camera, flesh: PosedEllipsoids) -> list[Floats[N, D2]]:
+def outline_polygons(camera: Camera, flesh: Ellipsoids) -> list[Floats[N, D2]]:
     """Return the model's outlines, holes too, in pixels of the undistorted camera."""
     mask = model_mask(camera, flesh).astype(np.uint8)
     found, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     return [np.asarray(line, dtype=float).reshape(-1, 2) for line in found]
 
 
-def outline_picture(
-    image: Bytes[H, W, D3], camera: Camera, flesh: PosedEllipsoids
-) -> Bytes[H, W, D3]:
+def outline_picture(image: Bytes[H, W, D3], camera: Camera, flesh: Ellipsoids) -> Bytes[H, W, D3]:
     """Return the picture RGB with the model's outline drawn over it."""
     picture = np.ascontiguousarray(image).copy()
     lines = [np.rint(line).astype(np.int32)[:, None] for line in outline_polygons(camera, flesh)]
@@ -133,7 +131,7 @@ def outline_picture(
     return picture
 
 
-def field_picture(camera: Camera, flesh: PosedEllipsoids) -> Bytes[H, W, D3]:
+def field_picture(camera: Camera, flesh: Ellipsoids) -> Bytes[H, W, D3]:
     """Return the normalised field as a picture RGB, dark outside, brightest at the ellipses' centres."""
     depth = np.rint(-255 * field_image(camera, flesh)).astype(np.uint8)
     colors = cv2.applyColorMap(depth, cv2.COLORMAP_VIRIDIS)[..., ::-1]

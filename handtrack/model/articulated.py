@@ -225,8 +225,7 @@ class ArticulatedModel:
         """
         values = np.clip(np.nan_to_num(joint_params, nan=0.0), -_FAR, _FAR)
         rows, columns = list(self.driving_joints), np.arange(len(self.driving_joints))
-        matrix, offset = self.transform.matrix, self.transform.offset
-        return self.clipped((values[rows] - offset[rows]) / matrix[rows, columns])
+        return self.clipped(values[rows] / self.transform.matrix[rows, columns])
 
     def checked(self, params: Floats[P], what: str) -> Floats[P]:
         """Return solver parameters as an array of floats. Raises HandtrackError naming `what` where they are not this model's."""

@@ -2,42 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, E, Floats, H, Ints, W
+from handtrack.arrays import D2, D3, Array, E, Floats, H, Ints, W, array_dataclass, contiguous
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.kinematics import BonePoses
 
 
-class PosedEllipsoids(NamedTuple):
-    """Ellipsoids in the world; or in bones' frames, as compiled sums take them, see `Ellipsoids`."""
-
-    bone: Ints[E]
-    """the bone each one sits on."""
-    centre: Floats[E, D3]
-    """world [m]."""
-    rotation: Floats[E, D3, D3]
-    """ellipsoid axes → world."""
-    radii: Floats[E, D3]
-    """semi-axes [m]."""
-
-
-@dataclass(frozen=True)
+@array_dataclass
 class Ellipsoids:
-    """Ellipsoids fixed to bones, in bone frames (2007 paper, section 3.3)."""
+    """Ellipsoids fixed to bones, in bone frames (2007 paper, section 3.3); or posed, in the world."""
 
-    name: tuple[str, ...]
     bone: Ints[E]
     """the bone each one sits on."""
     centre: Floats[E, D3]
-    """in the bone's frame, origin at its proximal end [m]."""
+    """in the bone's frame, origin at its proximal end, or world [m]."""
     rotation: Floats[E, D3, D3]
-    """ellipsoid axes → bone frame."""
+    """ellipsoid axes → bone frame, or world."""
     radii: Floats[E, D3]
     """semi-axes [m]."""
 
@@ -45,18 +30,16 @@ class Ellipsoids:
         return len(self.bone)
 
     @cached_property
-    def arrays(self) -> PosedEllipsoids:
+    def arrays(self) -> tuple[Ints[E], Floats[E, D3], Floats[E, D3, D3], Floats[E, D3]]:
         """The same for compiled sums."""
-        return PosedEllipsoids(
-            np.ascontiguousarray(self.bone, np.int64),
-            *(np.ascontiguousarray(a, float) for a in (self.centre, self.rotation, self.radii)),
-        )
+        centre, rotation, radii = contiguous(self.centre, self.rotation, self.radii)
+        return np.ascontiguousarray(self.bone, np.int64), centre, rotation, radii
 
-    def posed(self, bones: BonePoses) -> PosedEllipsoids:
+    def posed(self, bones: BonePoses) -> Ellipsoids:
         """Return the ellipsoids where the bones have carried them."""
         flesh, carried = self.rescaled(bones), bones.rotation[self.bone]
         centre = bones.position[self.bone] + np.einsum("eij,ej->ei", carried, flesh.centre)
-        return PosedEllipsoids(self.bone, centre, carried @ self.rotation, flesh.radii)
+        return Ellipsoids(self.bone, centre, carried @ self.rotation, flesh.radii)
 
     def rescaled(self, bones: BonePoses) -> Ellipsoids:
         """Return the ellipsoids as large as the bones are."""
@@ -83,15 +66,12 @@ class Ellipsoids:
     def subset(self, keep: Array[E]) -> Ellipsoids:
         """Return only the ellipsoids for which `keep` is True."""
         kept = np.flatnonzero(keep)
-        names = tuple(self.name[i] for i in kept)
-        return Ellipsoids(
-            names, self.bone[kept], self.centre[kept], self.rotation[kept], self.radii[kept]
-        )
+        return Ellipsoids(self.bone[kept], self.centre[kept], self.rotation[kept], self.radii[kept])
 
 
 def field_image(
     camera: Camera,
-    flesh: PosedEllipsoids,
+    flesh: Ellipsoids,
     levels: Floats[E, D2] | None = None,
     depth_scaled: bool = False,
 ) -> Floats[H, W]:
@@ -124,6 +104,6 @@ def field_image(
     return image
 
 
-def model_mask(camera: Camera, flesh: PosedEllipsoids) -> Array[H, W]:
+def model_mask(camera: Camera, flesh: Ellipsoids) -> Array[H, W]:
     """Return True where the undistorted camera sees the model."""
     return field_image(camera, flesh) < 0

@@ -36,7 +36,7 @@ from handtrack.model.limits import Limits
 from handtrack.model.others.read_other import OTHERS, read_other
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
 from handtrack.model.surfaces.superquadrics import read_superquadrics
-from handtrack.model.transform import Follows, build_transform
+from handtrack.model.transform import build_transform
 
 Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Point = tuple[Number, Number, Number]
@@ -535,16 +535,16 @@ def _place(place: Any, side: str, length: float, factor: Floats[D3]) -> Floats:
 
 def _couplings(
     table: dict[str, Any], coupling: str, spread: Mapping[str, float]
-) -> tuple[Follows, ...]:
+) -> dict[str, tuple[str, float]]:
     chosen = {"26": (), "21": ("21",), "18": ("21", "18")}[coupling]
     rows = [row for key in chosen for row in table.get("couplings", {}).get(key, [])]
-    follows = []
+    follows = {}
     for row in rows:
         finger, ratio = row["name"].split("_")[0], float(row["ratio"])
         if row["leader"] == "spread":
             ratio = spread.get(finger, ratio)
-        follows.append(Follows(row["name"], row["leader"], ratio))
-    return tuple(follows)
+        follows[row["name"]] = row["leader"], ratio
+    return follows
 
 
 def _ellipsoids(
@@ -560,9 +560,7 @@ def _ellipsoids(
     if side == "left":
         flip = np.diag([-1.0, 1.0, 1.0])
         turns = flip @ turns @ flip
-    counted = [f"{row['bone']}_{i}" for i, row in enumerate(kept)]
     return Ellipsoids(
-        name=tuple(counted),
         bone=bone,
         centre=np.stack([_mirror(row["centre"], side) for row in kept]) * _MM,
         rotation=turns,

@@ -59,19 +59,18 @@ def moving_limits(limits: Limits, transform: ParameterTransform) -> MovingLimits
     """
     joint, leader = np.nonzero(transform.matrix)
     assert len(set(joint)) == len(joint), "a joint parameter may follow one solver parameter only"
-    offset, lead = transform.offset, np.full(len(transform.offset), -1)
+    lead = np.full(len(transform.matrix), -1)
     lead[joint] = leader
     which, other = limits.narrowed.T
     fixed, moves = which[lead[other] < 0], lead[other] >= 0
     first = limits.interval.copy()
-    first[fixed] = limits.bounds(offset)[fixed]
+    first[fixed] = limits.bounds(np.zeros(len(lead)))[fixed]
     which, other, at = which[moves], other[moves], limits.narrow_at[moves]
     last, middle = first.copy(), np.clip(0.0, *first[which].T)[:, None]
     last[which] = middle + limits.narrow_to[moves, None] * (first[which] - middle)
     by, begin, end = np.full(len(lead), -1), np.zeros(len(lead)), np.zeros(len(lead))
     by[which] = lead[other]
-    rate = transform.matrix[other, lead[other]]
-    begin[which], end[which] = -offset[other] / rate, (at - offset[other]) / rate
-    ratio, shift = transform.matrix[joint, leader][:, None], offset[joint, None]
-    first, last = (np.sort((ends[joint] - shift) / ratio, axis=1) for ends in (first, last))
+    end[which] = at / transform.matrix[other, lead[other]]
+    ratio = transform.matrix[joint, leader][:, None]
+    first, last = (np.sort(ends[joint] / ratio, axis=1) for ends in (first, last))
     return MovingLimits(leader, first, by[joint], begin[joint], end[joint], last)

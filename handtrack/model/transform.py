@@ -1,7 +1,8 @@
-"""Couplings and linkages: solver parameters → joint parameters, as one matrix with offset."""
+"""Couplings and linkages: solver parameters → joint parameters, as one matrix."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -10,15 +11,6 @@ import numpy as np
 
 from handtrack.arrays import D2, Array, Floats, Ints, K, P, S
 from handtrack.errors import HandtrackError, unknown_name
-
-
-@dataclass(frozen=True)
-class Follows:
-    """A joint parameter that is a fixed multiple of a solver parameter: it loses its own column."""
-
-    name: str
-    leader: str
-    ratio: float
 
 
 class Links(NamedTuple):
@@ -31,16 +23,15 @@ class Links(NamedTuple):
 
 @dataclass(frozen=True)
 class ParameterTransform:
-    """joint parameters (S,) = matrix (S, P) · solver parameters (P,) + offset (S,)."""
+    """joint parameters (S,) = matrix (S, P) · solver parameters (P,)."""
 
     names: tuple[str, ...]
     """(P,) solver parameters."""
     matrix: Floats[S, P]
-    offset: Floats[S]
 
     def joint_params(self, params: Floats[P]) -> Floats[S]:
         """Return the joint parameters of solver parameters."""
-        return self.matrix @ params + self.offset
+        return self.matrix @ params
 
     def solver_params(self, joint_params: Floats[S], given: Array[S] | None = None) -> Floats[P]:
         """Return the solver parameters closest, in least squares, to joint parameters.
@@ -50,7 +41,7 @@ class ParameterTransform:
         joint, leader, ratio = self.links
         weight = ratio if given is None else ratio * given[joint]
         told = np.bincount(leader, weight * ratio, len(self.names))
-        pull = np.bincount(leader, weight * (joint_params - self.offset)[joint], len(self.names))
+        pull = np.bincount(leader, weight * joint_params[joint], len(self.names))
         return pull / np.where(told > 0.0, told, 1.0)
 
     def reduce_bounds(self, bounds: Floats[S, D2]) -> Floats[P, D2]:
@@ -60,7 +51,7 @@ class ParameterTransform:
         divided by its ratio. An empty intersection (possible only for odd limits) collapses to its middle.
         """
         joint, leader, ratio = self.links
-        ends = (bounds[joint] - self.offset[joint, None]) / ratio[:, None]
+        ends = bounds[joint] / ratio[:, None]
         low, high = np.full(len(self.names), -np.inf), np.full(len(self.names), np.inf)
         np.maximum.at(low, leader, ends.min(axis=1))
         np.minimum.at(high, leader, ends.max(axis=1))
@@ -80,32 +71,28 @@ class ParameterTransform:
 
 
 def build_transform(
-    joint_names: tuple[str, ...], couplings: tuple[Follows, ...] = ()
+    joint_names: tuple[str, ...], couplings: Mapping[str, tuple[str, float]] = {}
 ) -> ParameterTransform:
     """Return the transform in which followers follow and every other joint parameter is free.
 
     A leader that is no joint parameter becomes a new solver parameter, at the place of its first follower
-    (`spread`, which leads the four abductions).
+    (`spread`, which leads the four abductions). couplings: leader and ratio of each follower, which loses its own column.
     """
-    follower = {c.name: c for c in couplings}
-    for coupling in couplings:
-        if coupling.name not in joint_names:
-            raise unknown_name("parameter", coupling.name, joint_names, "a coupling")
-        if coupling.leader in follower:
+    for name, (leader, _) in couplings.items():
+        if name not in joint_names:
+            raise unknown_name("parameter", name, joint_names, "a coupling")
+        if leader in couplings:
             raise HandtrackError(
-                f"coupling of '{coupling.name}': its leader '{coupling.leader}' itself follows "
-                f"'{follower[coupling.leader].leader}'; couplings may not be chained."
+                f"coupling of '{name}': its leader '{leader}' itself follows "
+                f"'{couplings[leader][0]}'; couplings may not be chained."
             )
     names: list[str] = []
     for name in joint_names:
-        leader = follower[name].leader if name in follower else name
-        if leader not in names and (name not in follower or leader not in joint_names):
+        leader, _ = couplings.get(name, (name, 1.0))
+        if leader not in names and (name not in couplings or leader not in joint_names):
             names.append(leader)
     matrix = np.zeros((len(joint_names), len(names)))
     for s, name in enumerate(joint_names):
-        coupling = follower.get(name)
-        if coupling is None:
-            matrix[s, names.index(name)] = 1.0
-        else:
-            matrix[s, names.index(coupling.leader)] = coupling.ratio
-    return ParameterTransform(tuple(names), matrix, np.zeros(len(joint_names)))
+        leader, ratio = couplings.get(name, (name, 1.0))
+        matrix[s, names.index(leader)] = ratio
+    return ParameterTransform(tuple(names), matrix)

@@ -278,8 +278,7 @@ def _solver_params(transform: ParameterTransform, joint_params: Floats, params: 
     for p, column in enumerate(transform.matrix.T):
         led = np.flatnonzero(column)
         if len(led):
-            s = led[0]
-            found[:, p] = (joint_params[:, s] - transform.offset[s]) / column[s]
+            found[:, p] = joint_params[:, led[0]] / column[led[0]]
     return found
 
 

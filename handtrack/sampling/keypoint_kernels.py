@@ -117,7 +117,7 @@ def pose(problem, params, space):  # pragma: no cover - compiled
     """Place the bones of solver parameters (P,)."""
     q, (joint, leader, ratio) = space.joint_params, problem.links
     for s in range(q.shape[0]):
-        q[s] = problem.shift[s]
+        q[s] = 0.0
     for k in range(joint.shape[0]):
         q[joint[k]] += ratio[k] * params[leader[k]]
     root = space.root

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q, S
+from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics_kernels import KinematicTree
@@ -31,12 +31,8 @@ class KeypointProblem(NamedTuple):
     chain: Ints[Q]
     """the hinges that move each bone, from the root"""
     links: Links
-    """each joint parameter has one leader"""
-    shift: Floats[S]
-    """joint parameters = ratio · leader + shift"""
+    """joint parameter = ratio · leader; each has one"""
     limits: MovingLimits
-    is_metre: Ints[P]
-    """1 where a solver parameter is in metres"""
     point_bone: Ints[K]
     point: Floats[K, D3]
     """in the bone's frame [m]"""
@@ -84,9 +80,7 @@ def keypoint_problem(
         chain_start=np.concatenate([[0], np.cumsum([len(c) for c in chain])]).astype(np.int64),
         chain=np.concatenate(chain).astype(np.int64),
         links=model.transform.links,
-        shift=np.ascontiguousarray(model.transform.offset),
         limits=model.moving_limits,
-        is_metre=np.array([name.startswith("root_t") for name in model.transform.names], np.int64),
         **_observations(model, observed),
         overlaps=None if collision is None else collision.collisions,
         loss=loss,

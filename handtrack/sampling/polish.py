@@ -82,7 +82,7 @@ def polish_problem(
 ) -> Polished:
     """Return `polish` of a problem that is already packed."""
     params = np.array(starts, dtype=float, order="C")
-    check_shape(params, (None, len(problem.is_metre)), "starts")
+    check_shape(params, (None, len(problem.prior_at)), "starts")
     cost, norm, used, normal, hessian = polish_all(
         problem, params, settings.iterations, settings.gradient_tolerance
     )

@@ -105,7 +105,7 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
                     continue
                 longest = 1.0
                 for p in range(size):
-                    most = _LONGEST_M if problem.is_metre[p] == 1 else _WIDEST_RAD
+                    most = _LONGEST_M if p < 3 else _WIDEST_RAD
                     longest = max(longest, abs(step[p]) / most)
                 foretold = 0.0
                 for p in range(size):

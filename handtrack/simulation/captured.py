@@ -112,16 +112,14 @@ def _frame(motion: Captured, frame: int, errors: Floats[J]) -> FrameResult:
     problem = body_problem(model, seen)
     system = problem.linearize(params)
     alone = Problem(model, problem.observation_terms).linearize(params)
-    spread = uncertainty(model, params, system.hessian, alone.hessian)
+    _, std, spread = uncertainty(model, params, system.hessian, alone.hessian)
     far = BODY_OFF_M if model.kind == "body" else FRAME_OFF_M
     known = np.isfinite(errors)
     status = Status.DOUBTFUL if errors[known].max(initial=0.0) > far else Status.TRACKED
     if known.sum() < FEWEST:
         status = Status.LOST
-    judgement = FrameConfidence(status, None, spread.joint_covariance)
-    result = posed_result(
-        model, Observation(frame, frame / clip.fps), params, judgement, spread.parameter_std
-    )
+    judgement = FrameConfidence(status, None, spread)
+    result = posed_result(model, Observation(frame, frame / clip.fps), params, judgement, std)
     return replace(result, energy=system.cost)
 
 

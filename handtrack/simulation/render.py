@@ -6,7 +6,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, E, Floats, H, W, pixel_grid
 from handtrack.geometry.camera import Camera
-from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.flesh import Ellipsoids
 
 _LIGHT = np.array([-0.35, -0.6, -0.72])  # camera axes: from the upper left, behind the camera
 
@@ -20,7 +20,7 @@ def pixel_rays(camera: Camera) -> Floats[H, W, D3]:
 
 
 def render(
-    camera: Camera, flesh: PosedEllipsoids, rays: Floats[H, W, D3] | None = None
+    camera: Camera, flesh: Ellipsoids, rays: Floats[H, W, D3] | None = None
 ) -> tuple[Array[H, W], Floats[H, W], Floats[H, W, D3]]:
     """Return which ellipsoid is in front (H, W; −1 for none), its depth [m] and normals.
 
@@ -56,7 +56,7 @@ def render(
 
 
 def render_mask(
-    camera: Camera, flesh: PosedEllipsoids, rays: Floats[H, W, D3] | None = None
+    camera: Camera, flesh: Ellipsoids, rays: Floats[H, W, D3] | None = None
 ) -> Array[H, W]:
     """Return the silhouette uint8, 0 background, 255 hand; exact at pixel centres."""
     return np.where(render(camera, flesh, rays)[0] >= 0, 255, 0).astype(np.uint8)

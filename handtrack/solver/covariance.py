@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from handtrack.arrays import D3, D6, Array, B, Floats, J, K, P, S
@@ -12,17 +10,6 @@ from handtrack.model.kinematics import BonePoses
 
 UNOBSERVABLE_STD = 1.0
 """[m, rad] a standard deviation beyond this says nothing: the direction counts as unobservable"""
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """Covariance of solver parameters and of all that follows from them."""
-
-    covariance: Floats[P, P]
-    parameter_std: Floats[S]
-    """of joint parameters [m, rad]; infinite where unobservable"""
-    joint_covariance: Floats[J, D3, D3]
-    """of joint positions [m²]"""
 
 
 def covariance(hessian: Floats[P, P]) -> tuple[Floats[P, P], Array[P, K]]:
@@ -76,8 +63,9 @@ def uncertainty(
     params: Floats[P],
     hessian: Floats[P, P],
     seen: Floats[P, P] | None = None,
-) -> Uncertainty:
-    """Return the uncertainty of a pose. hessian: of the cost ½ Σ r².
+) -> tuple[Floats[P, P], Floats[S], Floats[J, D3, D3]]:
+    """Return the covariance of a pose's solver parameters, the standard deviations of its joint parameters [m, rad], infinite where
+    unobservable, and the covariance of its joints' positions [m²]. hessian: of the cost ½ Σ r².
 
     seen: the observations' part of it, without priors. What only a prior holds counts as unobservable: its
     standard deviation is infinite, though its covariance is the prior's.
@@ -91,7 +79,7 @@ def uncertainty(
     std[(np.abs(matrix @ blind) > 0.5).any(axis=1)] = np.inf
     bones, jacobian, _ = model.linearize(params)
     moves = joint_position_jacobian(model, bones, jacobian) @ matrix
-    return Uncertainty(cov, std, moves @ cov @ np.swapaxes(moves, 1, 2))
+    return cov, std, moves @ cov @ np.swapaxes(moves, 1, 2)
 
 
 def joint_position_jacobian(

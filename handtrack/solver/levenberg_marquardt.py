@@ -34,13 +34,8 @@ class SolveSummary:
     iterations: int
     why: str
     """`converged`, `iterations` (used up), `no descent`, or `stopped` (asked to)"""
-    cost_history: tuple[float, ...]
     system: JointSystem
     """the last linearisation"""
-
-    @property
-    def converged(self) -> bool:
-        return self.why == "converged"
 
 
 REJECTIONS = 5
@@ -79,7 +74,6 @@ def solve(
     longest = settings.step_limit_m, settings.step_limit_rad
     params = clipped(limits, np.array(params, dtype=float))
     damping, system = settings.damping, problem.linearize(params)
-    costs = [system.cost]
     why, count = "iterations", 0
     for count in range(1, settings.iterations + 1):
         if should_stop is not None and should_stop():
@@ -107,7 +101,6 @@ def solve(
         gain = system.cost - moved.cost
         damping = max(damping * _RELAX, settings.least_damping)
         params, system = trial, moved
-        costs.append(system.cost)
         if on_iteration is not None:
             on_iteration(count, params, system.cost)
         share = settings.cost_tolerance * max(abs(system.cost), 1e-300)
@@ -115,4 +108,4 @@ def solve(
         if gain <= least or largest < settings.step_tolerance:
             why = "converged"
             break
-    return SolveSummary(params, system.cost, count, why, tuple(costs), system)
+    return SolveSummary(params, system.cost, count, why, system)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import D2, Floats, Ints, K, array_dataclass, check_shape
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.flesh import Ellipsoids, PosedEllipsoids
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.collision_kernels import collision_sums, overlaps
@@ -30,8 +31,8 @@ def contact(model: ArticulatedModel) -> CollisionTerm:
     return CollisionTerm.of(model, "fine", _SOFT_M, _SOFT_M)
 
 
-Collisions = tuple[PosedEllipsoids, Ints[K], Ints[K], float, float, float]
-"""ellipsoids, first and second of each pair, slack, σ and weight"""
+Collisions = tuple[tuple[Any, ...], Ints[K], Ints[K], float, float, float]
+"""ellipsoids' arrays, first and second of each pair, slack, σ and weight"""
 _FIRM = 0.9
 """the share of each radius that does not give way; thighs are pressed flatter than wrists"""
 

@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from handtrack.arrays import D3, D4, Axes, Floats, Ints, K
 from handtrack.compiled import compiled, compiled_as_numpy
 from handtrack.terms.bone_kernels import add_row, fill_arm, to_world
 from handtrack.terms.loss import robust
 
 
-class Targets(NamedTuple):
-    """Points of bones and where they were observed."""
-
-    bone: Ints[K]
-    point: Floats[K, D3]
-    """in the bone's frame [m]"""
-    target: Floats[K, *Axes]
-    """(K, 2) px or (K, 3) m"""
-    sigma: Floats[K]
-    """of each target, in its unit"""
-    projection: Floats[D3, D4]
-    """of the camera; (0, 4) for points in space"""
-
-
 @compiled_as_numpy
 def keypoint_sums(frames, targets, loss, weight, sums):  # pragma: no cover - compiled
-    """Add the distances to targets to sums; return ½ weight Σ ρ, not a number where a point is behind the camera."""
+    """Add the distances to targets to sums; return ½ weight Σ ρ, not a number where a point is behind the camera.
+
+    targets: bones (K,), points in their frames (K, 3) [m], where they were observed (K, 2) [px] or (K, 3) [m], σ of each, in its unit, and
+    the camera's projection, (0, 4) for points in space.
+    """
     bone, local, target, deviation, camera = targets
     rows, width, o = target.shape[1], sums.width, frames.reference
     world, residual, slope, row = np.empty(3), np.empty(3), np.zeros((3, 3)), np.empty(12)

@@ -8,14 +8,14 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, J, K, N
+from handtrack.arrays import D3, Array, Floats, Ints, J, K, N, contiguous
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.observation.pins import ImagePins, Pin
 from handtrack.terms.bone_system import Sums
-from handtrack.terms.keypoint_kernels import Targets, keypoint_sums, point_velocities
+from handtrack.terms.keypoint_kernels import keypoint_sums, point_velocities
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.rows import Rows, motion_row
 from handtrack.terms.term import ObservationTerm
@@ -44,11 +44,10 @@ class KeypointTerm(ObservationTerm):
     name: str = "keypoints"
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
-        targets, observed = self._targets, self.observed
+        (bone, own, *seen), observed = self._targets, self.observed
         if not isinstance(observed, Keypoints) and observed.camera.is_distorted:
             return self.rows(bones, sums.width).add_to(sums)
-        if bones.scale_change is not None:
-            targets = targets._replace(point=bones.rescaled(targets.bone, targets.point))
+        targets = bone, bones.rescaled(bone, own), *seen
         return keypoint_sums(bones.frames, targets, self.loss, float(self.weight), sums)
 
     def rows(self, bones: BonePoses, width: int = 6) -> Rows:
@@ -73,11 +72,17 @@ class KeypointTerm(ObservationTerm):
 
     def motion(self, bones: BonePoses, fields: BoneFields) -> Floats[K, D3, N]:
         """Return the velocity of each point: of what a detector means by a joint, besides the bone's own motion."""
-        bone, own = self._targets.bone, bones.rescaled(self._targets.bone, self._targets.point)
+        bone, own, *_ = self._targets
         joints = self._joints if self.is_detected else np.zeros(0, int)
         scale = np.ones_like(bones.position) if bones.scale_change is None else bones.scale_change
         return point_velocities(
-            bones.frames, bone, own, fields.joints, joints, scale, fields.landmarks
+            bones.frames,
+            bone,
+            bones.rescaled(bone, own),
+            fields.joints,
+            joints,
+            scale,
+            fields.landmarks,
         )
 
     @property
@@ -86,8 +91,8 @@ class KeypointTerm(ObservationTerm):
         return isinstance(self.observed, ImageKeypoints)
 
     @cached_property
-    def _targets(self) -> Targets:
-        """What is known of it: points on bones, and where they were observed."""
+    def _targets(self) -> tuple[Ints[K], Floats[K, D3], Floats, Floats[K], Floats]:
+        """What is known of it, as `keypoint_sums` takes it: points on bones, and where they were observed."""
         observed = self.observed
         targets, sigma = _targets(observed)
         if isinstance(observed, ImagePins):
@@ -99,8 +104,8 @@ class KeypointTerm(ObservationTerm):
         projection = (
             np.zeros((0, 4)) if isinstance(observed, Keypoints) else observed.camera.projection
         )
-        arrays = (np.ascontiguousarray(a, float) for a in (own, targets, sigma, projection))
-        return Targets(np.ascontiguousarray(bone, np.int64), *arrays)
+        own, targets, sigma, projection = contiguous(own, targets, sigma, projection)
+        return np.ascontiguousarray(bone, np.int64), own, targets, sigma, projection
 
     @property
     def _joints(self) -> Ints[K]:

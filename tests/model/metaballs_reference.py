@@ -3,14 +3,14 @@
 import numpy as np
 
 from handtrack.arrays import Floats, Ints
-from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.loss import Loss
 from handtrack.terms.rows import Rows, motion_row
 
 
-def distances(flesh: PosedEllipsoids, points: Floats, form: str) -> tuple[Floats, Floats]:
+def distances(flesh: Ellipsoids, points: Floats, form: str) -> tuple[Floats, Floats]:
     """Return d (N, E) and its gradient (N, E, 3) for each ellipsoid on its own (2004 paper, section 3.3)."""
     out = points[:, None] - flesh.centre
     y = np.einsum("eji,nej->nei", flesh.rotation, out) / flesh.radii

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from handtrack import HandScale, HandtrackError, load_model
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_library import named_pose, pose_names
-from handtrack.model.transform import Follows, build_transform
+from handtrack.model.transform import build_transform
 from handtrack.terms.collision import CollisionTerm, contact
 
 
@@ -268,7 +268,7 @@ def test_reduced_sets(coupling, count, rng):
 
 def test_a_leaders_bounds_are_the_intersection():
     """pip in [0, 110°] and dip = 2/3 pip in [0, 60°] leave pip [0, 90°]."""
-    transform = build_transform(("pip", "dip"), (Follows("dip", "pip", 2 / 3),))
+    transform = build_transform(("pip", "dip"), {"dip": ("pip", 2 / 3)})
     reduced = transform.reduce_bounds(np.deg2rad([[0, 110], [0, 60]]))
     assert_allclose(np.rad2deg(reduced), [[0, 90]])
 

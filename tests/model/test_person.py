@@ -167,7 +167,7 @@ def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
 
 def test_an_ellipsoid_aslant_of_its_bone_is_stretched_as_its_surface_is(rng):
     turn = rotation_matrix(np.array([0.3, -0.5, 0.4]))
-    one = Ellipsoids(("e",), np.array([0]), np.array([[0.01, 0.02, 0.0]]), turn[None], np.array([[0.03, 0.01, 0.02]]))  # fmt: skip
+    one = Ellipsoids(np.array([0]), np.array([[0.01, 0.02, 0.0]]), turn[None], np.array([[0.03, 0.01, 0.02]]))  # fmt: skip
     factors = np.array([[1.2, 0.9, 0.7]])
     found = one.scaled(factors, np.array([[0.0, 0.001, 0.0]]))
     way = rng.normal(size=(50, 3))

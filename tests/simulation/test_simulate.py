@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import Session, load_model
-from handtrack.model.flesh import PosedEllipsoids, model_mask
+from handtrack.model.flesh import Ellipsoids, model_mask
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.motion import MOTIONS, motion
 from handtrack.simulation.render import render_mask
@@ -81,7 +81,7 @@ def balls(*centres_radii):
     count = len(centres_radii)
     centre = np.array([c for c, _ in centres_radii], dtype=float)
     radii = np.array([[r] * 3 for _, r in centres_radii], dtype=float)
-    return PosedEllipsoids(np.zeros(count, int), centre, np.tile(np.eye(3), (count, 1, 1)), radii)
+    return Ellipsoids(np.zeros(count, int), centre, np.tile(np.eye(3), (count, 1, 1)), radii)
 
 
 def test_a_ball_on_the_axis_is_a_disc_of_its_tangent_cone():

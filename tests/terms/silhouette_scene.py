@@ -22,7 +22,6 @@ def bones_of(rng, spread=0.03):
 def ellipsoids_of(rng, count=14, radii=(0.006, 0.025)):
     """Return overlapping ellipsoids of finger size."""
     return Ellipsoids(
-        tuple(f"e{i}" for i in range(count)),
         rng.integers(0, BONES, count),
         rng.normal(scale=0.015, size=(count, 3)),
         Rotation.random(count, rng=rng).as_matrix(),
@@ -34,7 +33,7 @@ def parts_at(radii, places, turns=None):
     """Return ellipsoids, each about a bone of its own, and the bones at these places (N, 3)."""
     count, upright = len(places), np.tile(np.eye(3), (len(places), 1, 1))
     flesh = Ellipsoids(
-        tuple(map(str, range(count))), np.arange(count), np.zeros((count, 3)), upright if turns is None else turns, np.array(radii, float)
+        np.arange(count), np.zeros((count, 3)), upright if turns is None else turns, np.array(radii, float)
     )  # fmt: skip
     return flesh, BonePoses(np.array(places[0], float), upright, np.array(places, float))
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.size import frame_systems
-from handtrack.tracking.size.frame_systems import FrameSystem, FrameSystems
+from handtrack.tracking.size.frame_systems import FrameSystems
 
 FRAMES, SIZE, SHARED = 5, 4, 3
 
@@ -28,7 +28,7 @@ def test_it_is_the_whole_matrix_read_in_parts_or_at_once(rng, monkeypatch, at_on
     systems = FrameSystems.empty(FRAMES, SIZE, SHARED)
     for n in reversed(range(FRAMES)):
         own = JointSystem(float(costs[n]), gradients[n], matrices[n])
-        systems.put(n, FrameSystem(own, 0.5 * matrices[n, :SIZE, :SIZE]))
+        systems.put(n, 1.0, own, 0.5 * matrices[n, :SIZE, :SIZE])
     assert_allclose(put_together(systems.own()), matrices[:, :SIZE, :SIZE], rtol=1e-12)
     assert_allclose(put_together(systems.seen()), 0.5 * matrices[:, :SIZE, :SIZE], rtol=1e-12)
     x = rng.normal(size=(FRAMES, whole))

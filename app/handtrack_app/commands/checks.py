@@ -73,8 +73,9 @@ def findings(model: ArticulatedModel) -> list[str]:
     moving = {bones[b] for b in model.skeleton.hinge_bone}
     last = [b for b in bare if b in moving and bones.index(b) not in model.skeleton.parent]
     found += [f"bone '{bone}' moves but has no ellipsoid: silhouettes cannot measure it" for bone in last]  # fmt: skip
-    thin = model.flesh["fine"].radii.min(axis=1) < _THIN_M
-    found += [f"ellipsoid {name} is thinner than 0.1 mm" for name in np.array(model.flesh["fine"].name)[thin]]  # fmt: skip
+    flesh = model.flesh["fine"]
+    thin = np.flatnonzero(flesh.radii.min(axis=1) < _THIN_M)
+    found += [f"ellipsoid {bones[flesh.bone[n]]}_{n} is thinner than 0.1 mm" for n in thin]
     size = float(np.ptp(model.joint_positions(model.bones(model.rest_params())), axis=0).max())
     if not _SIZES_M[0] < size < _SIZES_M[1]:
         found.append(f"its joints are {size:.3g} m apart at most: is the unit wrong? Definitions are in millimetres, URDF in metres")  # fmt: skip

@@ -12,7 +12,7 @@ from handtrack.errors import HandtrackError
 from handtrack.export.shown.mesh import joint_links
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
-from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import Status
@@ -77,7 +77,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     return [path]
 
 
-_Drawn = tuple[PosedEllipsoids, Floats[J, D3], list[tuple[int, int]]]
+_Drawn = tuple[Ellipsoids, Floats[J, D3], list[tuple[int, int]]]
 """flesh, joints in the world [m] and links between them: what is drawn over an image"""
 
 

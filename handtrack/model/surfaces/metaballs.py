@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -24,18 +23,6 @@ FORMS = {"d1": np.inf, "d2": 0.0, "d3": 1.0}
 
 SHARPNESS_PER_M = 1000.0
 """β of a hand of scale 1. The 2004 paper does not state its unit; 1/mm rounds creases by about a millimetre."""
-
-
-@dataclass(frozen=True)
-class NearSurface:
-    """What the surface looks like from given points (N)."""
-
-    distance: Floats[N]
-    """signed [m], negative inside"""
-    ellipsoid: Ints[N]
-    """the closest ellipsoid"""
-    gradient: Floats[N, D3]
-    """of the distance, world; about unit length near the surface"""
 
 
 class PosedSurface(NamedTuple):
@@ -112,18 +99,22 @@ class MetaballSurface:
     def posed(self, bones: BonePoses) -> PosedSurface:
         """Return the surface at these poses, for compiled code."""
         flesh = self.ellipsoids.rescaled(bones).arrays
-        table = np.empty((len(flesh.bone), 16))
+        table = np.empty((len(flesh[0]), 16))
         pose_table(bones.frames, flesh, table)
-        return PosedSurface(table, flesh.bone, *self.links, self.sharpness, self.turning_level)
+        return PosedSurface(table, flesh[0], *self.links, self.sharpness, self.turning_level)
 
-    def near(self, bones: BonePoses, points: Floats[N, D3]) -> NearSurface:
-        """Return signed distance, closest ellipsoid and gradient at points world [m]; NaN at NaN."""
+    def near(
+        self, bones: BonePoses, points: Floats[N, D3]
+    ) -> tuple[Floats[N], Ints[N], Floats[N, D3]]:
+        """Return signed distance [m], closest ellipsoid and the distance's gradient, about unit length near the surface, at points world [m];
+        NaN at NaN.
+        """
         points = np.ascontiguousarray(points, dtype=float)
         check_shape(points, (None, 3), "points")
         distance, gradient = np.empty(len(points)), np.empty(points.shape)
         closest = np.empty(len(points), np.int64)
         merged_distance(points, self.posed(bones), True, distance, closest, gradient)
-        return NearSurface(distance, closest, gradient)
+        return distance, closest, gradient
 
     def distance(self, bones: BonePoses, points: Floats[N, D3]) -> Floats[N]:
         """Return the signed distance [m] of points world, negative inside."""
@@ -137,9 +128,9 @@ class MetaballSurface:
         """Return points moved along the gradient onto the surface d = 0 (Newton's steps, some millimetres)."""
         points = np.array(points, dtype=float)
         for _ in range(steps):
-            near = self.near(bones, points)
-            size = np.maximum((near.gradient**2).sum(axis=1), 0.05)
-            points -= (near.distance / size)[:, None] * near.gradient
+            distance, _, gradient = self.near(bones, points)
+            size = np.maximum((gradient**2).sum(axis=1), 0.05)
+            points -= (distance / size)[:, None] * gradient
         return points
 
 

@@ -85,13 +85,11 @@ def surface_mesh(
     moved = surface.projected(bones, vertices, steps=2)
     stay = (np.abs(moved - vertices) > spacing_m).any(axis=1)  # beside a jump of d
     moved[stay] = vertices[stay]
-    near = surface.near(bones, moved)
-    normals = near.gradient / np.maximum(
-        np.linalg.norm(near.gradient, axis=1, keepdims=True), 1e-12
-    )
-    bone = surface.ellipsoids.bone[near.ellipsoid]
+    _, closest, gradient = surface.near(bones, moved)
+    normals = gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
+    bone = surface.ellipsoids.bone[closest]
     local = np.einsum("vji,vj->vi", bones.rotation[bone], moved - bones.position[bone])
-    return SurfaceMesh(moved, faces, normals, near.ellipsoid, bone, local)
+    return SurfaceMesh(moved, faces, normals, closest, bone, local)
 
 
 def sample_surface(
@@ -111,7 +109,7 @@ def sample_surface(
     a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
     p, q, r = (corners[face, i] for i in range(3))
     points = surface.projected(bones, p + a * (q - p) + b * (r - p))
-    gradient = surface.near(bones, points).gradient
+    gradient = surface.near(bones, points)[2]
     return points, gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Axes, Floats, K, S
+from handtrack.arrays import Floats, K, S, contiguous
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.loss import Loss, quadratic
@@ -65,11 +65,6 @@ class CorrelatedPrior(ParameterTerm):
     def add_to(self, joint_params: Floats[S], sums: Sums) -> float:
         x, mean, information = contiguous(joint_params, self.mean, self.information)
         return correlated_sums(x, mean, information, sums)
-
-
-def contiguous(*arrays: Floats[*Axes]) -> tuple[Floats[*Axes], ...]:
-    """Return arrays as compiled sums take them: so these are compiled for one kind of array only."""
-    return tuple(np.ascontiguousarray(array, dtype=float) for array in arrays)
 
 
 _REST_SIGMA_DEG = 80.0

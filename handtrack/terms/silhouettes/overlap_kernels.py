@@ -29,7 +29,7 @@ def overlap_areas(
     Part n is the ellipsoids members[starts[n] : starts[n + 1]].
     """
     valid, begins, ends, values = mask.valid, mask.begins, mask.ends, mask.values
-    count, height, width = ellipsoids.bone.shape[0], valid.shape[0], (mask.powers.shape[0] - 1) // 2
+    count, height, width = ellipsoids[0].shape[0], valid.shape[0], (mask.powers.shape[0] - 1) // 2
     centres, shapes = np.empty((count, 3)), np.empty((count, 3, 3))
     posed_shapes(frames, ellipsoids, centres, shapes)
     ellipses, levels = np.zeros((count, ELLIPSE)), np.ones((count, 2))

@@ -18,7 +18,6 @@ import numpy as np
 
 from handtrack.arrays import D2, D3, D4, E, Floats
 from handtrack.compiled import compiled, compiled_as_numpy
-from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.kinematics import Frames
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.ellipsoid_kernels import posed_shapes
@@ -87,9 +86,9 @@ def silhouette_sums(
     by how much the outline is farther out.
     Arguments are plain tuples of what they are called: to check classes of NamedTuples takes 10 % of the time.
     """
-    frames, ellipsoids, sums = Frames(*frames), PosedEllipsoids(*ellipsoids), Sums(*sums)
+    frames, sums = Frames(*frames), Sums(*sums)
     mask, field = MaskArrays(*mask), CameraField(*field)
-    bone, levels = ellipsoids.bone, field.levels
+    (bone, _, turn, thick), levels = ellipsoids, field.levels
     count = bone.shape[0]
     centre_world, shape_world = np.empty((count, 3)), np.empty((count, 3, 3))
     posed_shapes(frames, ellipsoids, centre_world, shape_world)
@@ -126,8 +125,8 @@ def silhouette_sums(
         elif sums.width == FIELD:
             _fill_shapes(
                 frames.rotation[bone[e]],
-                ellipsoids.rotation[e],
-                ellipsoids.radii[e],
+                turn[e],
+                thick[e],
                 radii[e],
                 own,
                 wide,

@@ -88,10 +88,10 @@ class FieldTerm(ObservationTerm):
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         cost, frames, gathered = 0.0, tuple(bones.frames), tuple(sums)
         rescaled = self.ellipsoids.rescaled(bones)
-        radii = rescaled.arrays.radii
+        radii = rescaled.arrays[3]
         for (flesh, *view, energy), seen in zip(self._views, self.silhouettes, strict=True):
             if rescaled is not self.ellipsoids:
-                flesh = tuple(rescaled.thicker(seen.wider_m).arrays)
+                flesh = rescaled.thicker(seen.wider_m).arrays
             cost += max(silhouette_sums(frames, flesh, radii, *view, gathered) + energy, 0.0)
         return cost
 
@@ -102,7 +102,7 @@ class FieldTerm(ObservationTerm):
         """
         views = []
         for seen, weight, field in zip(self.silhouettes, self.weights, self.fields, strict=True):
-            flesh = tuple(self.ellipsoids.thicker(seen.wider_m).arrays)
+            flesh = self.ellipsoids.thicker(seen.wider_m).arrays
             energy = 0.5 * weight * seen.energy(field.step)
             views.append((flesh, tuple(seen.mask), tuple(field), weight, energy))
         return views

@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Array, C, Floats, H, Ints, N, W
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
-from handtrack.model.flesh import Ellipsoids, PosedEllipsoids
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette
 
@@ -67,7 +67,7 @@ def _mask(silhouette: PreparedSilhouette) -> Array[H, W]:
     return observed & (values < -0.5)
 
 
-def _covered(silhouette: PreparedSilhouette, flesh: PosedEllipsoids) -> Array[H, W]:
+def _covered(silhouette: PreparedSilhouette, flesh: Ellipsoids) -> Array[H, W]:
     """Return where a camera sees the model."""
     camera = silhouette.camera
     shape = shape_matrix(flesh.rotation, flesh.radii)

@@ -58,17 +58,17 @@ def solved_result(
     problem, known = exact or (found.problem, found.system)
     priors = Problem(model, (), problem.parameter_terms).linearize(params)
     sure = inheriting_uncertainty(problem, params, known.hessian, belief)
-    spread = uncertainty(model, params, sure, known.hessian - priors.hessian)
+    covariance, std, joints = uncertainty(model, params, sure, known.hessian - priors.hessian)
     energies, cost = found.problem.costs(params), found.system.cost
-    judgement = frame_confidence(terms, params, cost, energies, spread.joint_covariance, previous)
+    judgement = frame_confidence(terms, params, cost, energies, joints, previous)
     result = replace(
-        posed_result(model, observation, params, judgement, spread.parameter_std),
+        posed_result(model, observation, params, judgement, std),
         energy=cost,
         energies=energies,
         iterations=found.iterations,
         views=terms.views,
     )
-    return Solved(result, spread.covariance)
+    return Solved(result, covariance)
 
 
 def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:

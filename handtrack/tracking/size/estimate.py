@@ -16,9 +16,10 @@ from handtrack.model.size import SizeParameters
 from handtrack.parallel import in_parallel
 from handtrack.solver.block_banded import BlockBanded, Bordered
 from handtrack.solver.problem import Problem
+from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.size.cameras import CameraChanges, velocities
-from handtrack.tracking.size.frame_systems import FrameProblem, FrameSystem, FrameSystems
+from handtrack.tracking.size.frame_systems import FrameProblem, FrameSystems
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.shared import Shared
@@ -208,8 +209,9 @@ def estimate_whole(
         systems = FrameSystems.empty(*poses.shape, shared.count) if ahead is None else ahead
         stands = np.zeros(len(frames), bool) if ahead is None else ahead.extrapolated < _ENOUGH
 
-        def linearized(n: int) -> FrameSystem:
-            return evidence.of(frames[n]).linearize(poses[n], views, n, person)
+        def linearized(n: int) -> tuple[float, JointSystem, Floats[P, P]]:
+            frame = evidence.of(frames[n])
+            return frame.share, *frame.linearize(poses[n], views, n, person)
 
         # to and fro: of a long recording the frames that were read last are still in memory
         order = np.flatnonzero(~stands)[:: 1 if sweep % 2 == 0 else -1].tolist()
@@ -218,7 +220,7 @@ def estimate_whole(
                 raise _StoppedError
             some = order[first : first + _LINEARIZED]
             for n, system in zip(some, in_parallel(linearized, some), strict=True):
-                systems.put(n, system)
+                systems.put(n, *system)
             tell((sweep + (first + len(some)) / len(order)) / (sweeps + 1))
         return _Swept(model, poses, shared, alike, systems)
 

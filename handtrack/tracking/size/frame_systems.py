@@ -23,18 +23,6 @@ _AT_ONCE = 256
 
 
 @array_dataclass
-class FrameSystem:
-    """What a frame says of its pose (P) and of what all share (K)."""
-
-    whole: JointSystem
-    """of P + K numbers: changes of the pose as `pose_changes.moved` makes them, small turns of the root; then the shared ones"""
-    seen: Floats[P, P]
-    """what the frame alone would say by what was seen: matrix, without what is known of poses beforehand"""
-    share: float = 1.0
-    """of that, how much is in `whole`"""
-
-
-@array_dataclass
 class FrameProblem:
     """What a frame says of its pose, and of what all share."""
 
@@ -55,8 +43,12 @@ class FrameProblem:
 
     def linearize(
         self, pose: Floats[P], views: Sequence[SeenPoses], n: int, person: PersonChange
-    ) -> FrameSystem:
-        """Return the frame's system; views: of each camera that may change, the frame being their n-th."""
+    ) -> tuple[JointSystem, Floats[P, P]]:
+        """Return what the frame says of its pose and of what all share: of P + K numbers, changes of the pose as `pose_changes.moved` makes
+        them, then the shared ones; and what it alone would say of the pose by what was seen: a matrix, without what is known beforehand.
+
+        views: of each camera that may change, the frame being their n-th.
+        """
         size, first = len(pose), len(pose)
         count = sum(view.by_camera.shape[2] for view in views) + person.count
         gradient, matrix = np.zeros(size + count), np.zeros((size + count, size + count))
@@ -75,8 +67,7 @@ class FrameProblem:
         told = matrix[:size, :size].copy()
         gradient[:size] += known.gradient
         matrix[:size, :size] += known.hessian
-        whole = JointSystem(cost + known.cost, gradient, matrix)
-        return FrameSystem(whole, told / self.share, self.share)
+        return JointSystem(cost + known.cost, gradient, matrix), told / self.share
 
 
 @array_dataclass
@@ -113,12 +104,12 @@ class FrameSystems:
             np.empty((frames, size * (size + 1) // 2)),
         )
 
-    def put(self, frame: int, system: FrameSystem) -> None:
-        """Keep a frame's system, in place."""
-        self.costs[frame], self.gradient[frame] = system.whole.cost, system.whole.gradient
-        self.share[frame], self.since[frame] = system.share, 0.0
-        self._halves[frame] = system.whole.hessian[_half(self.gradient.shape[1])]
-        self._seen[frame] = system.seen[_half(self.size)]
+    def put(self, frame: int, share: float, whole: JointSystem, seen: Floats[P, P]) -> None:
+        """Keep a frame's system, in place, of which that share of what was seen counts."""
+        self.costs[frame], self.gradient[frame] = whole.cost, whole.gradient
+        self.share[frame], self.since[frame] = share, 0.0
+        self._halves[frame] = whole.hessian[_half(self.gradient.shape[1])]
+        self._seen[frame] = seen[_half(self.size)]
 
     def own(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
         """Yield the poses' part, some frames at once."""

@@ -389,20 +389,18 @@ def _result(
     change = np.eye(len(pose))
     change[TURN, TURN] = by_turn(pose)
     covariance = change @ found.covariance[n] @ change.T
-    spread = uncertainty(model, pose, np.linalg.inv(covariance))
-    judgement = FrameConfidence(before.status, before.reason, spread.joint_covariance)
+    _, std, joints = uncertainty(model, pose, np.linalg.inv(covariance))
+    judgement = FrameConfidence(before.status, before.reason, joints)
     seen = frame.terms.has_seen
     terms, problem = frame.seen_by(found.cameras, pose, found.speeds[n])
     energies = problem.costs(pose) if seen else {}
     if seen and before.frame not in evidence.silent | evidence.poor:
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
         moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
-        judgement = frame_confidence(
-            terms, pose, energy, energies, spread.joint_covariance, tracked[:n], moved_m
-        )
+        judgement = frame_confidence(terms, pose, energy, energies, joints, tracked[:n], moved_m)
     at = Observation(frame.frame, frame.time_s)
     return replace(
-        posed_result(model, at, pose, judgement, spread.parameter_std),
+        posed_result(model, at, pose, judgement, std),
         energy=float(found.costs[n]) if seen else float("nan"),
         energies=energies,
         iterations=before.iterations + found.sweeps,

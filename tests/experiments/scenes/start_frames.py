@@ -12,7 +12,7 @@ from handtrack import ArticulatedModel, Camera, HandScale, Observation, Silhouet
 from handtrack.arrays import D3, D21, Floats
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.model.articulated import FINGERS
-from handtrack.model.flesh import PosedEllipsoids, model_mask
+from handtrack.model.flesh import Ellipsoids, model_mask
 from handtrack.model.pose_library import alphabet, named_pose
 from handtrack.simulation.render import pixel_rays, render
 from handtrack.simulation.scenes.simulated_views import everything
@@ -102,7 +102,7 @@ def _observed(
     return Observation(0, 0.0, masks, cloud=cloud, cloud_views=(camera.centre[None], centre[None]))
 
 
-def _mask(camera: Camera, flesh: PosedEllipsoids, rng: np.random.Generator) -> Silhouette:
+def _mask(camera: Camera, flesh: Ellipsoids, rng: np.random.Generator) -> Silhouette:
     """Return a mask whose outline is ragged by a third of a pixel or so."""
     soft = gaussian_filter(model_mask(camera, flesh).astype(np.float32), 1.0)
     mask = soft > 0.5 + 0.15 * _smooth(soft.shape, 4.0, rng)

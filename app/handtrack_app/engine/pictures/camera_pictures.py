@@ -23,7 +23,7 @@ from handtrack.diagnostics.residual_image import (
     residual_picture,
 )
 from handtrack.geometry.camera import Camera
-from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.parallel import LRUCache
@@ -79,9 +79,7 @@ class CameraPictures:
         kind = cv2.INTER_LINEAR if image.ndim > 2 else cv2.INTER_NEAREST
         return image if maps is None else cv2.remap(image, *maps, kind)  # type: ignore[return-value]
 
-    def thumbnail(
-        self, name: str, frame: int, paint: str, flesh: PosedEllipsoids
-    ) -> Bytes[H, W, D3]:
+    def thumbnail(self, name: str, frame: int, paint: str, flesh: Ellipsoids) -> Bytes[H, W, D3]:
         """Return a small picture, with the model's outline over it unless `paint` is `plain`."""
         image = self.plain(name, frame)
         small = shrunk(image)
@@ -95,7 +93,7 @@ class CameraPictures:
         name: str,
         frame: int,
         paint: str,
-        flesh: PosedEllipsoids,
+        flesh: Ellipsoids,
         silhouette: Silhouette | None,
         aside: int | None = None,
     ) -> Bytes[H, W, D3]:
@@ -154,7 +152,7 @@ _THICK = 2  # [px] of the outline
 
 
 def close_up(
-    image: Bytes[H, W, D3], camera: Camera, flesh: PosedEllipsoids, aside: int | None = None
+    image: Bytes[H, W, D3], camera: Camera, flesh: Ellipsoids, aside: int | None = None
 ) -> Bytes[H, W, D3]:
     """Return the part of an undistorted image RGB that shows a model with its outline, `CLOSE_SIZE` large; all of it where none is before the camera.
 
@@ -174,7 +172,7 @@ def close_up(
     return picture
 
 
-def _part(camera: Camera, flesh: PosedEllipsoids, aside: int | None) -> tuple[float, float, float]:
+def _part(camera: Camera, flesh: Ellipsoids, aside: int | None) -> tuple[float, float, float]:
     """Return the enlargement, and the column and row [px] of the part's upper left pixel."""
     seen = flesh.centre @ camera.rotation.T + camera.translation
     reach = flesh.radii.max(axis=1)

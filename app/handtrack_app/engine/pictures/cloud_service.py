@@ -214,9 +214,9 @@ def _residual_mm(moment: RenderInput, points: Floats) -> Floats:
     """
     if "metaballs" not in moment.model.flesh:
         return np.full(len(points), np.nan)
-    near = fitted_surface(moment.model, moment.fitted).near(moment.bones, points)
-    slope = np.linalg.norm(near.gradient, axis=1)
-    return 1e3 * near.distance / np.maximum(slope, _LEAST_SLOPE)
+    distance, _, gradient = fitted_surface(moment.model, moment.fitted).near(moment.bones, points)
+    slope = np.linalg.norm(gradient, axis=1)
+    return 1e3 * distance / np.maximum(slope, _LEAST_SLOPE)
 
 
 def _cameras(moment: RenderInput) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, Floats, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.flesh import Ellipsoids, PosedEllipsoids
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation, PointCloud, Silhouette
 from handtrack.solver.problem import Problem
@@ -169,7 +169,7 @@ def is_behind_hand(points: Floats[N, D3], model: ArticulatedModel, bones: BonePo
     return points @ along < (hand.centre @ along - half).min()
 
 
-def _hand(model: ArticulatedModel, bones: BonePoses) -> PosedEllipsoids:
+def _hand(model: ArticulatedModel, bones: BonePoses) -> Ellipsoids:
     return _hand_flesh(model).posed(bones)
 
 
@@ -179,7 +179,7 @@ def _hand_flesh(model: ArticulatedModel) -> Ellipsoids:
     return flesh.subset(~model.is_forearm(flesh.bone))
 
 
-def _before(camera: Floats, points: Floats, hand: PosedEllipsoids) -> Array:
+def _before(camera: Floats, points: Floats, hand: Ellipsoids) -> Array:
     """Return (...,) whether the line of sight from a camera (3,) to each point (..., 3) passes the hand."""
     to_ball = np.swapaxes(hand.rotation, 1, 2) / (_HAND_MARGIN * hand.radii)[:, :, None]
     start = np.einsum("eij,ej->ei", to_ball, camera - hand.centre)
