@@ -34,8 +34,7 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model import kinematics
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.limits import Limits
-from handtrack.model.moving_limits import MovingLimits, moving_limits
+from handtrack.model.limits import Limits, MovingLimits, moving_limits
 from handtrack.model.skeleton import Skeleton
 from handtrack.model.surfaces.superquadrics import Superquadrics
 from handtrack.model.transform import ParameterTransform

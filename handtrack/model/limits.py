@@ -1,12 +1,14 @@
-"""Limits of joint parameters: an interval each, fixed or narrowing with another parameter."""
+"""Limits of joint parameters, and of solver parameters as the solver follows them: an interval each, fixed or moving with another parameter."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, Axes, Floats, Ints, N, S
+from handtrack.arrays import D2, Array, Axes, Floats, Ints, K, N, P, S
+from handtrack.model.transform import ParameterTransform
 
 
 @dataclass(frozen=True)
@@ -37,3 +39,68 @@ class Limits:
             wide = bounds[..., which, :] - middle
             bounds[..., which, :] = middle + share[..., None] * wide
         return bounds
+
+
+class MovingLimits(NamedTuple):
+    """K intervals of solver parameters (P,) [m, rad]; one that has several must lie in all of them.
+
+    An interval moves in a straight line from `first` to `last` while parameter `by` goes from `begin` to `end`.
+    """
+
+    param: Ints[K]
+    """whose interval it is"""
+    first: Floats[K, D2]
+    by: Ints[K]
+    """what it moves with; −1 where it stays `first`"""
+    begin: Floats[K]
+    end: Floats[K]
+    last: Floats[K, D2]
+
+    @classmethod
+    def fixed(cls, bounds: Floats[P, D2]) -> MovingLimits:
+        """Return limits that do not move."""
+        count, bounds = len(bounds), np.array(bounds, dtype=float, order="C")
+        nothing = np.zeros(count)
+        return cls(np.arange(count), bounds, np.full(count, -1), nothing, nothing, bounds)
+
+    @classmethod
+    def none(cls) -> MovingLimits:
+        """Return no limits at all."""
+        return cls.fixed(np.empty((0, 2)))
+
+    def frozen(self, where: Array[P], params: Floats[P]) -> MovingLimits:
+        """Return these limits, but no room at all for some parameters: where `where` is True, at params."""
+        kept, stay = ~where[self.param], np.flatnonzero(where)
+        nothing, here = np.zeros(len(stay)), np.stack([params[stay], params[stay]], axis=1)
+        return MovingLimits(
+            np.concatenate([self.param[kept], stay]),
+            np.concatenate([self.first[kept], here]),
+            np.concatenate([self.by[kept], np.full(len(stay), -1)]),
+            np.concatenate([self.begin[kept], nothing]),
+            np.concatenate([self.end[kept], nothing]),
+            np.concatenate([self.last[kept], here]),
+        )
+
+
+def moving_limits(limits: Limits, transform: ParameterTransform) -> MovingLimits:
+    """Return the limits of joint parameters as limits of the solver parameters that lead them.
+
+    A joint parameter that nothing leads keeps its angle: what narrows with it stays as narrow as it is.
+    """
+    joint, leader = np.nonzero(transform.matrix)
+    assert len(set(joint)) == len(joint), "a joint parameter may follow one solver parameter only"
+    lead = np.full(len(transform.matrix), -1)
+    lead[joint] = leader
+    which, other = limits.narrowed.T
+    fixed, moves = which[lead[other] < 0], lead[other] >= 0
+    first = limits.interval.copy()
+    first[fixed] = limits.bounds(np.zeros(len(lead)))[fixed]
+    which, other, at = which[moves], other[moves], limits.narrow_at[moves]
+    last, middle = first.copy(), np.clip(0.0, *first[which].T)[:, None]
+    last[which] = middle + limits.narrow_to[moves, None] * (first[which] - middle)
+    by, begin, end = np.full(len(lead), -1), np.zeros(len(lead)), np.zeros(len(lead))
+    by[which] = lead[other]
+    end[which] = at / transform.matrix[other, lead[other]]
+    ratio = transform.matrix[joint, leader][:, None]
+    first, last = (np.sort(ends[joint] / ratio, axis=1) for ends in (first, last))
+    return MovingLimits(leader, first, by[joint], begin[joint], end[joint], last)

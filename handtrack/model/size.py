@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,45 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.model.kinematics_kernels import growth_fields
-from handtrack.model.shape import ShapeNumber
+
+_MEASURED = 0.9  # of adults' standard deviation is left: a fifth of their variance is told
+
+
+@dataclass(frozen=True)
+class ShapeNumber:
+    """One number of a person's shape."""
+
+    name: str
+    """as a person's file has it: `overall`, a part, a proportion"""
+    group: str
+    value: float
+    """by which it differs from the mean adult's; of a part, beside the whole"""
+    std: float | None
+    """None where it was given"""
+    sigma: float
+    """standard deviation of adults"""
+    unit: str
+    """of all three: `%` or `mm`"""
+
+    @property
+    def label(self) -> str:
+        return "whole" if self.name == "overall" else self.name.replace("_", " ")
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether it was measured: clearly better known than adults are alike."""
+        return self.std is not None and self.std < _MEASURED * self.sigma
+
+    @property
+    def words(self) -> str:
+        """Its value, and how sure that is."""
+        value = f"{self.value:+.1f}".replace("-", "−")
+        if self.std is None:
+            return f"{value} {self.unit}" if self.value else "as in the mean"
+        if not self.is_measured and abs(self.value) < (1.0 - _MEASURED) * self.sigma:
+            value = "mean"
+        return f"{value} ± {self.std:.1f} {self.unit}"
+
 
 _HAND_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
 POPULATION_SIGMA = 0.065

@@ -16,8 +16,7 @@ from numba.extending import overload
 from handtrack.arrays import Floats, Ints
 from handtrack.compiled import compiled, inlined
 from handtrack.model.kinematics import Frames
-from handtrack.model.kinematics_kernels import pose_bones, screws, twist_columns
-from handtrack.model.root_turn_kernels import turn_root
+from handtrack.model.kinematics_kernels import pose_bones, screws, turn_root, twist_columns
 from handtrack.terms.bone_kernels import pull_back
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.collision_kernels import collision_sums

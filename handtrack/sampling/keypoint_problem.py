@@ -12,7 +12,7 @@ from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics_kernels import KinematicTree
-from handtrack.model.moving_limits import MovingLimits
+from handtrack.model.limits import MovingLimits
 from handtrack.model.transform import Links
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import JointSystem

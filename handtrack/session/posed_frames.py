@@ -15,7 +15,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import SessionState, marked_frames, readable
 from handtrack.store.store import Store
 from handtrack.tracking.frame.confidence import FrameConfidence
-from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 
 

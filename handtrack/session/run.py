@@ -38,10 +38,9 @@ from handtrack.session.session import Session
 from handtrack.session.sources.joint_errors import joint_sigma_px
 from handtrack.session.sources.keypoint_files import of_model
 from handtrack.session.sources.prefetch import Prefetch
-from handtrack.tracking.frame.assessment import OutlineFit, assess, outline_fit
-from handtrack.tracking.frame.confidence import FrameConfidence
+from handtrack.tracking.frame.confidence import FrameConfidence, OutlineFit, assess, outline_fit
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.reason import Reason

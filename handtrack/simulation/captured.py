@@ -44,7 +44,7 @@ from handtrack.simulation.simulate import SCALE_FILE, CustomMotion, simulated_ri
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, FrameConfidence
-from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.search.initialize import FEWEST
 

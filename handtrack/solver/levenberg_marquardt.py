@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from handtrack.arrays import Floats, P
-from handtrack.model.moving_limits import MovingLimits
+from handtrack.model.limits import MovingLimits
 from handtrack.parallel import one_blas_thread
 from handtrack.solver.limited_step_kernels import bounded_step, clipped, stepped
 from handtrack.solver.solver_settings import SolverSettings

@@ -33,7 +33,7 @@ def new_box(size):  # pragma: no cover - compiled
 
 @compiled
 def fill_box(limits, params, box):  # pragma: no cover - compiled
-    """Find the limits that hold at params (P,), and how they move. limits: model/moving_limits.py."""
+    """Find the limits that hold at params (P,), and how they move. limits: model/limits.py."""
     box.by[:], box.slope[:] = -1, 0.0
     for p in range(params.shape[0]):
         box.end[p, 0], box.end[p, 1] = -np.inf, np.inf

@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import D2, Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses, bone_poses
-from handtrack.model.moving_limits import MovingLimits
+from handtrack.model.limits import MovingLimits
 from handtrack.terms.bone_kernels import to_solver
 from handtrack.terms.bone_system import COST_ALONE, JointSystem, Sums
 from handtrack.terms.term import ObservationTerm, ParameterTerm

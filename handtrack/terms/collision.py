@@ -13,9 +13,9 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
+from handtrack.terms.bone_kernels import posed_shapes
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.collision_kernels import collision_sums, overlaps
-from handtrack.terms.ellipsoid_kernels import posed_shapes
 from handtrack.terms.term import SurfaceTerm
 
 _SOFT_M = 0.002

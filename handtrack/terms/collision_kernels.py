@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.compiled import compiled_as_numpy
-from handtrack.terms.bone_kernels import fill_arm
-from handtrack.terms.ellipsoid_kernels import posed_shapes
+from handtrack.terms.bone_kernels import fill_arm, posed_shapes
 
 _STEPS = 30
 _DONE = 1e-20

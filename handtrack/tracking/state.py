@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from handtrack.arrays import Floats, P, array_dataclass
-from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.frame_task import Solved
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.hypotheses.motion_belief import Hypothesis

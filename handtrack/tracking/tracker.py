@@ -16,9 +16,7 @@ from handtrack.parallel import one_blas_thread
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_result import Solved
-from handtrack.tracking.frame.frame_task import FrameTask
-from handtrack.tracking.frame.prediction import predict
+from handtrack.tracking.frame.frame_task import FrameTask, Solved, predict
 from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import ImageKeypoints, Keypoints, load_model
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, rotation_vector
-from handtrack.model.root_turn_kernels import turn_root
+from handtrack.model.kinematics_kernels import turn_root
 from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.keypoint_kernels import keypoint_cost, keypoint_system, workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem

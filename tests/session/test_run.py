@@ -29,7 +29,7 @@ from handtrack.session.session_file import CameraSettings
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import CustomMotion, Simulation, simulate
 from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
-from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.tables.track_model import model_of
 from tests.experiments.scenes.simulated_clouds import Sensor, depth_views

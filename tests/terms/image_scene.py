@@ -12,8 +12,7 @@ from handtrack.terms.images.carried_texture import (
     texture_points,
 )
 from handtrack.terms.images.depth_picture import depth_picture
-from handtrack.terms.images.model_outline import outline_points
-from handtrack.terms.images.outline_edges import edges_near
+from handtrack.terms.images.outline_edges import edges_near, outline_points
 from handtrack.terms.images.smooth_image import smooth_image
 from tests.terms.silhouette_scene import bones_of, camera_of, ellipsoids_of, moved_along
 

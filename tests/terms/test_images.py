@@ -18,8 +18,7 @@ from handtrack.terms.images.carried_texture import (
     texture_points,
 )
 from handtrack.terms.images.depth_picture import depth_picture
-from handtrack.terms.images.model_outline import outline_points
-from handtrack.terms.images.outline_edges import OutlineEdgesTerm
+from handtrack.terms.images.outline_edges import OutlineEdgesTerm, outline_points
 from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.loss import geman_mcclure, huber, quadratic
 from tests.cameras import pinhole

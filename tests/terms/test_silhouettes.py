@@ -19,7 +19,7 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
 from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
-from handtrack.tracking.frame.assessment import assess, outline_fit
+from handtrack.tracking.frame.confidence import assess, outline_fit
 from handtrack.tracking.frame.constants import DOUBTFUL_PIECE_MM2
 from handtrack.tracking.frame.frame_terms import frame_terms
 from tests.cameras import pinhole

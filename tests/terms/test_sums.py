@@ -8,7 +8,7 @@ from handtrack import load_model
 from handtrack.model.articulated import FINGERS
 from handtrack.terms.loss import huber
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.frame.terms.posture import posture_prior
+from handtrack.tracking.frame.terms.priors import posture_prior
 
 
 def test_huber_goes_on_straight():

@@ -23,8 +23,8 @@ from handtrack.model.flesh import model_mask
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame import assessment
-from handtrack.tracking.frame.assessment import (
+from handtrack.tracking.frame import confidence as assessment
+from handtrack.tracking.frame.confidence import (
     assess,
     energy_ratio,
     part_outside,

@@ -9,10 +9,9 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.pose_changes import changes, moved
 from handtrack.tracking.frame.settings import PriorSettings
 from handtrack.tracking.size.cameras import LATE, CameraChanges
-from handtrack.tracking.size.estimate import WholeEstimate
+from handtrack.tracking.size.estimate import Shared, WholeEstimate
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange
-from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.cameras import pinhole
 from tests.derivatives import check_jacobian

@@ -22,7 +22,7 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
-from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.forearm import forearm_in_view, forearm_length
 from handtrack.tracking.search.initialize import carried_over

@@ -14,12 +14,12 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.confidence import FrameConfidence
-from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.whole.alternatives import with_alternatives
 from handtrack.tracking.whole.evidence import Recording
+from handtrack.tracking.whole.mode_search import Minimum, Trellis
 from handtrack.tracking.whole.recording_estimate import refine
-from handtrack.tracking.whole.trellis import Minimum, Trellis
 
 HAND = load_model()
 CAMERAS = simulated_rig(2, (320, 240)).cameras

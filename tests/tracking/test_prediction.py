@@ -7,7 +7,7 @@ import pytest
 
 from handtrack import Keypoints, Observation, Status, Tracker, TrackerSettings, load_model
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack.tracking.frame.prediction import predict
+from handtrack.tracking.frame.frame_task import predict
 from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.sequence import track_frames
 

@@ -26,9 +26,8 @@ from handtrack.terms.clouds.cloud_emptiness import seen_from
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.cameras import CameraChanges
-from handtrack.tracking.size.estimate import estimate_whole
+from handtrack.tracking.size.estimate import Shared, estimate_whole
 from handtrack.tracking.size.person import OpenPerson, PersonChange, shape_covariance
-from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.whole.chosen_frames import fit_person
 from handtrack.tracking.whole.evidence import Evidence, Recording
 from handtrack.tracking.whole.recording_estimate import refine

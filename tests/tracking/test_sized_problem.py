@@ -16,8 +16,8 @@ from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
+from handtrack.tracking.size.frame_systems import linearize_sized
 from handtrack.tracking.size.person import PersonChange
-from handtrack.tracking.size.sized_problem import linearize_sized
 from tests.derivatives import check_gradient
 from tests.tracking.scenes import on_surface
 

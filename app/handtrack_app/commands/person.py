@@ -17,7 +17,7 @@ from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.sources.skin_samples import painted_skin, segmented_skin
-from handtrack.tracking.frame.assessment import hand_words
+from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.tables.track_model import model_of
 from handtrack_app.commands.terminal.output import (
     INTERRUPTED,

@@ -33,7 +33,7 @@ from handtrack.session.track_session import (
     request_for,
     track_session,
 )
-from handtrack.tracking.frame.assessment import hand_words
+from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.search.engine import SearchReport, explained

@@ -21,7 +21,7 @@ from handtrack.session.session import Session
 from handtrack.session.sources.views import View
 from handtrack.store.spans import resolved
 from handtrack.terms.keypoints import pinned_places
-from handtrack.tracking.frame.assessment import hand_words
+from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document, TrackedRows, WholeFrame, source_of
 from handtrack_app.engine.inverse_kinematics import stem_bones

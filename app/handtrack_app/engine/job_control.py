@@ -28,7 +28,7 @@ from handtrack.session.track_session import (
 )
 from handtrack.store.history import NOTE
 from handtrack.store.spans import Span
-from handtrack.tracking.frame.assessment import OutlineFit, hand_words
+from handtrack.tracking.frame.confidence import OutlineFit, hand_words
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameHead, FrameResult, Status
 from handtrack_app.engine import jobs

@@ -16,7 +16,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.takes.take_about import foreign_result, foreign_takes
 from handtrack.store.store import Store
-from handtrack.tracking.frame.assessment import hand_words, odd_size
+from handtrack.tracking.frame.confidence import hand_words, odd_size
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.size.camera_consistency import CameraInconsistency, camera_inconsistencies
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.compiled import compiled
-from handtrack.terms.ellipsoid_kernels import posed_shapes
+from handtrack.terms.bone_kernels import posed_shapes
 from handtrack.terms.silhouettes.conic_kernels import (
     CENTRE_U,
     CENTRE_V,

@@ -19,8 +19,8 @@ import numpy as np
 from handtrack.arrays import D2, D3, D4, E, Floats
 from handtrack.compiled import compiled, compiled_as_numpy
 from handtrack.model.kinematics import Frames
+from handtrack.terms.bone_kernels import posed_shapes
 from handtrack.terms.bone_system import Sums
-from handtrack.terms.ellipsoid_kernels import posed_shapes
 from handtrack.terms.silhouettes.conic_kernels import (
     CENTRE_U,
     CENTRE_V,

@@ -1,21 +1,179 @@
-"""One frame to be solved: what was seen, where the hand is expected, and what came before."""
+"""One frame to be solved: what was seen, where the hand is expected, and what came before; and its result, from solved parameters."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from handtrack.arrays import Floats, P, S, array_dataclass
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector, wrapped
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_changes import changes
 from handtrack.observation.observation import Observation
+from handtrack.solver.covariance import inherited_information, uncertainty, with_lasting_errors
+from handtrack.solver.problem import Problem
+from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
+from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.descent import stage_problem
-from handtrack.tracking.frame.frame_result import Solved, manual_result, unseen_result
+from handtrack.tracking.frame.descent import Descended, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, frame_terms
-from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.frame.terms.forearm import aimed_forearm
+
+_SPAN = 4  # frames; an older motion says nothing about the next one
+
+
+def predict(
+    model: ArticulatedModel, previous: Sequence[FrameResult], frame: int
+) -> Floats[S] | None:
+    """Return joint parameters at `frame` if the last two frames' motion goes on, or None.
+
+    The wrist's place and all angles go on linearly, the hand's turn as a constant rotation. Needs two
+    frames with a pose, not more than a few frames apart (either direction of time).
+    """
+    posed = [result for result in previous if result.status != Status.LOST]
+    if len(posed) < 2:
+        return posed[-1].parameters.copy() if posed else None
+    before, last = posed[-2], posed[-1]
+    gap, ahead = last.frame - before.frame, frame - last.frame
+    if gap == 0 or ahead * gap <= 0 or abs(gap) > _SPAN or abs(ahead) > _SPAN:
+        return last.parameters.copy()
+    share = ahead / gap
+    expected = last.parameters + share * (last.parameters - before.parameters)
+    turn_before, turn = rotation_matrix(np.stack([before.parameters[3:6], last.parameters[3:6]]))
+    turned = rotation_matrix(share * rotation_vector(turn @ turn_before.T)) @ turn
+    expected[3:6] = rotation_vector(turned)
+    limits = model.limits.bounds(expected)
+    return np.clip(expected, limits[:, 0], limits[:, 1])
+
+
+def inheriting_uncertainty(
+    problem: Problem, params: Floats[P], hessian: Floats[P, P], belief: Floats[P, P] | None
+) -> Floats[P, P]:
+    """Return a frame's matrix in which the prediction is no surer than the pose that it came from.
+
+    hessian: the one that poses are found with, which takes that pose for the truth; belief: its covariance,
+    None where nothing is said of it. What is stated must not take it so: a finger hidden for a second would be called as
+    well known as after one frame. Nor are a detector's errors new in each frame. A mixture's prediction inherits by itself.
+    The live pass alone needs it, which knows no frame after: refined ones state what all frames say together.
+    """
+    terms = problem.parameter_terms
+    motion = [t for t in terms if t.name == "motion" and isinstance(t, GaussianPrior)]
+    told = Problem(problem.model, (), motion).linearize(params).hessian
+    memory = inherited_information(told, belief)
+    sure = hessian - told + memory
+    seen = [t for t in problem.observation_terms if t.is_detected]
+    if not seen or not motion:
+        return sure
+    points = Problem(problem.model, seen).linearize(params).hessian
+    return with_lasting_errors(sure, memory, points, POINTS_LAST)
+
+
+@array_dataclass
+class Solved:
+    """A frame's result, and what only the next frame's prediction needs of it."""
+
+    result: FrameResult
+    covariance: Floats[P, P] | None = None
+    """of the solver parameters; None where nothing is said of them"""
+    search_due: bool = False
+    """a search would have been made, had it been allowed (`Control.searches`)"""
+
+
+def solved_result(
+    observation: Observation,
+    terms: FrameTerms,
+    found: Descended,
+    previous: Sequence[FrameResult] = (),
+    belief: Floats[P, P] | None = None,
+    exact: tuple[Problem, JointSystem] | None = None,
+) -> Solved:
+    """Return a frame's result where descent ended, with its uncertainty and status.
+
+    Parameters
+    ----------
+    found
+        By the last stage's problem, whose cost is the energy.
+    previous
+        Results that tell what is usual.
+    belief
+        Covariance of the last frame's pose.
+    exact
+        The problem and its system there with the cloud taken as exactly as it lies, where that is sharper.
+    """
+    params, model = found.params.copy(), terms.model
+    problem, known = exact or (found.problem, found.system)
+    priors = Problem(model, (), problem.parameter_terms).linearize(params)
+    sure = inheriting_uncertainty(problem, params, known.hessian, belief)
+    covariance, std, joints = uncertainty(model, params, sure, known.hessian - priors.hessian)
+    energies, cost = found.problem.costs(params), found.system.cost
+    judgement = frame_confidence(terms, params, cost, energies, joints, previous)
+    result = replace(
+        posed_result(model, observation, params, judgement, std),
+        energy=cost,
+        energies=energies,
+        iterations=found.iterations,
+        views=terms.views,
+    )
+    return Solved(result, covariance)
+
+
+def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
+    """Return a frame in which nothing was seen: lost, at the pose that is handed in."""
+    cloud = terms.settings.cloud
+    elsewhere = observation.cloud is not None and cloud.weight > 0
+    reason = Reason("cloud elsewhere", number=cloud.crop_mm) if elsewhere else Reason("unseen")
+    return posed_result(terms.model, observation, params, FrameConfidence(Status.LOST, reason))
+
+
+def manual_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
+    """Return a first frame that is only to be compared with those after it, at the given pose."""
+    judgement = FrameConfidence(Status.DOUBTFUL, Reason("given"))
+    return posed_result(terms.model, observation, params, judgement)
+
+
+def posed_result(
+    model: ArticulatedModel,
+    observation: Observation,
+    params: Floats[P],
+    found: FrameConfidence,
+    std: Floats[S] | None = None,
+) -> FrameResult:
+    """Return a result at solver parameters as it was judged, as long as no solver tells its cost.
+
+    std: of joint parameters. Without it, and of a lost hand, they may be anything; without a covariance joints are known to a metre.
+    """
+    joint = model.joint_params(params)
+    joint[3:6] = wrapped(joint[3:6])
+    if std is None or found.status == Status.LOST:
+        std = np.full(len(joint), np.inf)
+    covariance = found.joint_covariance
+    if covariance is None:
+        covariance = np.tile(np.eye(3), (len(model.joint_names), 1, 1))
+    bones = model.bones(params)
+    return FrameResult(
+        frame=observation.frame,
+        time_s=observation.time_s,
+        parameters=joint,
+        status=found.status,
+        energy=float("nan"),
+        iterations=0,
+        parameter_std=std,
+        joint_covariance=covariance,
+        T_world_bone=bones.T_world_bone,
+        joint_positions=model.joint_positions(bones),
+        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
+        reason=found.reason,
+        p_off_25mm=found.p_off_25mm,
+        p_off_10mm=found.p_off_10mm,
+    )
 
 
 @array_dataclass

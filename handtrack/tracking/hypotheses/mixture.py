@@ -17,11 +17,10 @@ from handtrack.solver.covariance import covariance
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import Descended, by_keypoints_alone, stage_problem
-from handtrack.tracking.frame.frame_result import Solved, solved_result
-from handtrack.tracking.frame.frame_task import FrameTask
+from handtrack.tracking.frame.frame_task import FrameTask, Solved, solved_result
 from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.terms.posture import agility
+from handtrack.tracking.frame.terms.priors import agility
 from handtrack.tracking.hypotheses.mixture_search import (
     FIRST_HYPOTHESES,
     NEXT_HYPOTHESES,

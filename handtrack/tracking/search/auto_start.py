@@ -12,8 +12,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_result import Solved
-from handtrack.tracking.frame.frame_task import FrameTask
+from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, Search, run_rounds
 from handtrack.tracking.search.evidence.hand_shapes import hand_shapes

@@ -16,7 +16,7 @@ import numpy as np
 from handtrack.arrays import D3, D21, Floats, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.frame_task import Solved
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
 

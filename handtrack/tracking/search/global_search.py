@@ -27,7 +27,7 @@ from handtrack.sampling.suppression import apart
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.frame_task import Solved
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
 from handtrack.tracking.search.engine import Candidate, Round, Search

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.tracking.frame.assessment import assess, is_where_joints_are
-from handtrack.tracking.frame.frame_result import Solved
-from handtrack.tracking.frame.frame_task import FrameTask
+from handtrack.tracking.frame.confidence import assess, is_where_joints_are
+from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.auto_start import fitting

@@ -7,7 +7,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from handtrack.tracking.frame.assessment import FEWEST_FRAMES, energy_ratio
+from handtrack.tracking.frame.confidence import FEWEST_FRAMES, energy_ratio
 from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.result import FrameResult, Status
 

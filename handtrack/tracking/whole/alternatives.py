@@ -16,9 +16,8 @@ from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status
-from handtrack.tracking.whole.mode_search import APART_M
+from handtrack.tracking.whole.mode_search import APART_M, Trellis
 from handtrack.tracking.whole.trajectory_hypotheses import TrajectoryHypothesis
-from handtrack.tracking.whole.trellis import Trellis
 
 _LEAST = 0.03
 """probability below which an alternative is left out"""

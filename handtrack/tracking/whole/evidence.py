@@ -26,10 +26,10 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
 from handtrack.tracking.size.cameras import LATE, WIDER, CameraChanges, velocities
+from handtrack.tracking.size.estimate import Shared
 from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import OpenPerson, PersonChange
-from handtrack.tracking.size.shared import Shared
 
 _HELD = 400
 """frames whose terms stay in memory, about 0.3 MB each; of longer recordings they are read anew in each sweep"""

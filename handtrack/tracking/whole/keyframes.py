@@ -12,7 +12,7 @@ from handtrack.model.pose_changes import changes, moved
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.whole.evidence import Evidence, Recording, frame_seconds

@@ -16,14 +16,14 @@ from handtrack.parallel import in_parallel, one_blas_thread
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
-from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import by_camera
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.frame_solve import POOR, poor_agreement
 from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
+from handtrack.tracking.size.frame_systems import terms_of
 from handtrack.tracking.size.person import PersonChange
-from handtrack.tracking.size.sized_problem import terms_of
 from handtrack.tracking.whole.alternatives import with_alternatives
 from handtrack.tracking.whole.evidence import (
     MOSTLY_NEW,
@@ -35,13 +35,12 @@ from handtrack.tracking.whole.evidence import (
     new_share,
 )
 from handtrack.tracking.whole.keyframes import with_keyframes
-from handtrack.tracking.whole.mode_search import ModeSearch
+from handtrack.tracking.whole.mode_search import ModeSearch, Trellis
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack.tracking.whole.trajectory_hypotheses import (
     TrajectoryHypothesis,
     trajectory_hypotheses,
 )
-from handtrack.tracking.whole.trellis import Trellis
 
 _BESIDE = 7
 """frames to either side by which a cloud's is judged: half a second in all"""

@@ -24,8 +24,7 @@ from handtrack.terms.images.carried_texture import (
     texture_points,
 )
 from handtrack.terms.images.depth_picture import DepthPicture, depth_picture
-from handtrack.terms.images.model_outline import outline_points
-from handtrack.terms.images.outline_edges import OutlineEdgesTerm, edges_near
+from handtrack.terms.images.outline_edges import OutlineEdgesTerm, edges_near, outline_points
 from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.term import ObservationTerm
