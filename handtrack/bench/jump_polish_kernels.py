@@ -43,7 +43,7 @@ def image_rows(problem, params, space, want_jacobian, residual, jacobian):  # pr
                     out[3 + s] = lever[0] * t0 + lever[1] * t1 + lever[2] * t2
                 for n in range(problem.chain_start[b], problem.chain_start[b + 1]):
                     h = problem.chain[n]
-                    base = problem.tree.hinge_bone[h]
+                    base = problem.tree[3][h]
                     d0, d1, d2 = x - at[base, 0], y - at[base, 1], z - at[base, 2]
                     t0, t1, t2 = d1 * n2 - d2 * n1, d2 * n0 - d0 * n2, d0 * n1 - d1 * n0
                     out[6 + h] = axes[h, 0] * t0 + axes[h, 1] * t1 + axes[h, 2] * t2

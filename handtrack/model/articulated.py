@@ -118,8 +118,9 @@ class HandScale:
 
 @array_dataclass
 class Proportions:
-    """What a standard deviation of each of K proportions changes at the bones."""
+    """What a standard deviation of each of K internal proportions, which a person's scale may have, changes at the bones."""
 
+    names: tuple[str, ...]
     moves: Floats[K, B, D3]
     """of each bone's proximal end, in its parent's frame [m]"""
     stretch: Floats[K, B, D3]
@@ -151,14 +152,11 @@ class ArticulatedModel:
     """the bone that carries each named joint."""
     joint_point: Floats[J, D3]
     """in that bone's frame [m]."""
+    proportions: Proportions
     kind: str = "hand"
     """`hand` or `body`; a body has no side: it is never mirrored"""
     stabilise: Floats[S] | None = None
     """[rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
-    proportion_names: tuple[str, ...] = ()
-    """internal proportions that a person's scale may have"""
-    proportions: Proportions | None = None
-    """what a standard deviation of each does; None: there are none"""
     groups: tuple[str, ...] = ()
     """(B,) which part of a person's size each bone belongs to: `palm`, a finger, `thighs` …"""
     offset: Floats[J, D3] | None = None

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from handtrack.arrays import D3, B, Floats, Ints, K
 from handtrack.compiled import compiled, inlined
 
 
@@ -50,16 +47,6 @@ def _skew_entry(r, i, j):  # pragma: no cover - compiled
     if i == j:
         return 0.0
     return -r[3 - i - j] if (i + 1) % 3 == j else r[3 - i - j]
-
-
-class KinematicTree(NamedTuple):
-    """A skeleton as arrays, for compiled code; see `Skeleton`."""
-
-    parent: Ints[B]
-    offset: Floats[B, D3]
-    rest: Floats[B, D3, D3]
-    hinge_bone: Ints[K]
-    hinge_axis: Floats[K, D3]
 
 
 @compiled
@@ -128,8 +115,9 @@ def screws(tree, root_jacobian, axis_world, position, out):  # pragma: no cover 
         out[s, s] = 1.0
         for i in range(3):
             out[3 + s, 3 + i] = root_jacobian[i, s]
-    for h in range(tree.hinge_bone.shape[0]):
-        b = tree.hinge_bone[h]
+    hinge_bone = tree[3]
+    for h in range(hinge_bone.shape[0]):
+        b = hinge_bone[h]
         w0, w1, w2 = axis_world[h, 0], axis_world[h, 1], axis_world[h, 2]
         r0 = position[b, 0] - position[0, 0]
         r1 = position[b, 1] - position[0, 1]
@@ -143,16 +131,17 @@ def screws(tree, root_jacobian, axis_world, position, out):  # pragma: no cover 
 @compiled
 def twist_columns(tree, screw, out):  # pragma: no cover - compiled
     """Fill the twist Jacobian (B, 6, S): screws (S, 6) of a bone's own hinges and of all its ancestors'."""
+    parent, _, _, hinge_bone, _ = tree
     out[:] = 0.0
     for b in range(out.shape[0]):
         for i in range(6):
             for s in range(out.shape[2]):
                 if b > 0:
-                    out[b, i, s] = out[tree.parent[b], i, s]
+                    out[b, i, s] = out[parent[b], i, s]
                 elif s < 6:
                     out[b, i, s] = screw[s, i]
-        for h in range(tree.hinge_bone.shape[0]):
-            if tree.hinge_bone[h] == b:
+        for h in range(hinge_bone.shape[0]):
+            if hinge_bone[h] == b:
                 for i in range(6):
                     out[b, i, 6 + h] = screw[6 + h, i]
 
@@ -160,9 +149,9 @@ def twist_columns(tree, screw, out):  # pragma: no cover - compiled
 @compiled
 def pose(tree, params):  # pragma: no cover - compiled
     """Return rotation (B, 3, 3), position (B, 3), the hinges' world axes and the root's left Jacobian, for params (S,)."""
-    bones = tree.parent.shape[0]
+    bones, hinges = tree[0].shape[0], tree[3].shape[0]
     rotation, position = np.empty((bones, 3, 3)), np.empty((bones, 3))
-    axes, root = np.empty((tree.hinge_bone.shape[0], 3)), np.empty((5, 3, 3))
+    axes, root = np.empty((hinges, 3)), np.empty((5, 3, 3))
     turn_root(params[3:6], root[0], root[1], root[2:])
     pose_bones(tree, params, root[0], rotation, position, axes)
     return rotation, position, axes, root[1]

@@ -406,12 +406,11 @@ def _build(
             "bone must come after its parent."
         )
     offset, rest_rotation = np.zeros((len(rows), 3)), np.stack([np.eye(3)] * len(rows))
-    known = tuple(row["name"] for row in table.get("proportion", []))
-    for name in size.proportions:
-        if name not in known:
-            raise unknown_name("proportion", name, known, f"the model {table['name']}")
-    values = np.array([size.proportions.get(name, 0.0) for name in known])
     person = _proportions(table.get("proportion", []), names, parent, frames, side)
+    for name in size.proportions:
+        if name not in person.names:
+            raise unknown_name("proportion", name, person.names, f"the model {table['name']}")
+    values = np.array([size.proportions.get(name, 0.0) for name in person.names])
     factors = np.array([factor[name] for name in names])[:, None] * np.exp(
         np.tensordot(values, person.stretch, axes=1)
     )
@@ -487,8 +486,7 @@ def _build(
         offset=offset if seen else None,
         kind=table.get("kind", "hand"),
         stabilise=np.concatenate([np.full(6, np.inf), held]) if np.isfinite(held).any() else None,
-        proportion_names=known,
-        proportions=person if known else None,
+        proportions=person,
         groups=tuple(b["group"] for b in rows),
         superquadrics=read_superquadrics(parts, names, factor, f"model definition {table['name']}")
         if (parts := table.get("superquadric"))
@@ -510,7 +508,7 @@ def _proportions(
             stretch[k, b] = logarithms
         for b, step in _of_bones(row.get("shift", {}), bones):
             shift[k, b] = _mirror(step, side) * _MM
-    return Proportions(moves, stretch, shift)
+    return Proportions(tuple(row["name"] for row in rows), moves, stretch, shift)
 
 
 def _of_bones(table: dict[str, Any], bones: tuple[str, ...]) -> list[tuple[int, Any]]:

@@ -139,7 +139,7 @@ class SizeParameters:
     def names(self) -> tuple[str, ...]:
         """(N,)"""
         offsets = (f"{joint} {axis}" for joint in self._offset_of for axis in "xyz")
-        return ("overall", *self._sigmas, *self.model.proportion_names, *offsets)
+        return ("overall", *self._sigmas, *self.model.proportions.names, *offsets)
 
     @property
     def offset_count(self) -> int:
@@ -150,7 +150,7 @@ class SizeParameters:
     def units(self) -> Floats[N]:
         """One deviation of each: of a logarithm, of a proportion in its own, of an offset [m]."""
         whole = _HAND_SIGMA if self._is_hand else _BODY_SIGMA
-        own = [1.0] * len(self.model.proportion_names)
+        own = [1.0] * len(self.model.proportions.names)
         return np.array(
             [whole, *self._sigmas.values(), *own, *[self._offset_sigma_m] * self.offset_count]
         )
@@ -159,7 +159,7 @@ class SizeParameters:
         """Return how unusual a person is among adults; the inverse of `scale`."""
         logs = [np.log(scale.overall) / (_HAND_SIGMA if self._is_hand else _BODY_SIGMA)]
         logs += [np.log(scale.parts.get(name, 1.0)) / sigma for name, sigma in self._sigmas.items()]
-        logs += [scale.proportions.get(n, 0.0) for n in self.model.proportion_names]
+        logs += [scale.proportions.get(n, 0.0) for n in self.model.proportions.names]
         offsets = [
             np.mean(
                 [m * scale.offsets_mm.get(joint, (0.0, 0.0, 0.0)) for joint, m in same.items()],
@@ -175,7 +175,7 @@ class SizeParameters:
         split = 1 + len(self._sigmas)
         sigmas = [_HAND_SIGMA if self._is_hand else _BODY_SIGMA, *self._sigmas.values()]
         factors = np.exp(deviations[:split] * sigmas).tolist()
-        moved = dict(zip(self.model.proportion_names, deviations[split:].tolist(), strict=True))
+        moved = dict(zip(self.model.proportions.names, deviations[split:].tolist(), strict=True))
         places = (offsets * self._offset_sigma_m * 1e3).reshape(-1, 3)
         seen = dict(self.model.scale.offsets_mm)
         for place, same in zip(places, self._offset_of.values(), strict=True):
@@ -192,11 +192,10 @@ class SizeParameters:
 
     def rescaled(self, deviations: Floats[N]) -> ArticulatedModel:
         """Return the model with its bones as large as a person's is who deviates so; what is fixed to them grows with them."""
-        more, skeleton = deviations - self._at, self.model.skeleton
-        scale_change = np.exp(self._rates @ more)
+        more, skeleton, known = deviations - self._at, self.model.skeleton, self.model.proportions
+        scale_change, by = np.exp(self._rates @ more), more[self._proportions]
         offset, shift = skeleton.offset, None
-        if self.model.proportions is not None:
-            by, known = more[self._proportions], self.model.proportions
+        if known.names:
             offset = offset + np.tensordot(by, known.moves, axes=1)
             shift = np.tensordot(by, known.shift, axes=1) * scale_change
         offset, length = (
@@ -238,7 +237,7 @@ class SizeParameters:
     @property
     def _proportions(self) -> slice:
         first = 1 + len(self._sigmas)
-        return slice(first, first + len(self.model.proportion_names))
+        return slice(first, first + len(self.model.proportions.names))
 
     @cached_property
     def _offset_of(self) -> dict[str, dict[str, Floats[D3]]]:
@@ -267,11 +266,8 @@ class SizeParameters:
     @cached_property
     def _growth(self) -> tuple[Ints[B], Floats[B, D3, N], Floats[Q, B, D3], Floats[Q, B, D3], int]:
         """What `growth_fields` takes."""
-        skeleton, known = self.model.skeleton, self.model.proportions
-        none = np.zeros((0, skeleton.bone_count, 3))
-        moves, shift = (none, none) if known is None else (known.moves, known.shift)
-        parent = np.array(skeleton.parent, np.int64)
-        return parent, self._rates, moves, shift, self._proportions.start
+        parent, known = np.array(self.model.skeleton.parent, np.int64), self.model.proportions
+        return parent, self._rates, known.moves, known.shift, self._proportions.start
 
     @cached_property
     def _at(self) -> Floats:
@@ -284,8 +280,7 @@ class SizeParameters:
         rates[:, :, 0] = _HAND_SIGMA if self._is_hand else _BODY_SIGMA
         for k, (part, sigma) in enumerate(self._sigmas.items(), start=1):
             rates[np.array(self.model.groups) == part, :, k] = sigma
-        if self.model.proportions is not None:
-            rates[:, :, self._proportions] = self.model.proportions.stretch.transpose(1, 2, 0)
+        rates[:, :, self._proportions] = self.model.proportions.stretch.transpose(1, 2, 0)
         return rates
 
 
@@ -328,10 +323,10 @@ def with_number(model: ArticulatedModel, name: str, value: float) -> HandScale:
 
 def _effect(model: ArticulatedModel, name: str, own: float) -> tuple[float, str]:
     """Return the most that a standard deviation changes, of a factor its logarithm, and its unit; 0: nothing that the model has."""
-    if name not in model.proportion_names:
+    known = model.proportions
+    if name not in known.names:
         return (own if name == "overall" or name in model.groups else 0.0), "%"
-    known, k = model.proportions, model.proportion_names.index(name)
-    assert known is not None
+    k = known.names.index(name)
     if (stretch := float(np.abs(known.stretch[k]).max())) > 0.0:
         return stretch, "%"
     return 1e3 * max(
@@ -340,7 +335,7 @@ def _effect(model: ArticulatedModel, name: str, own: float) -> tuple[float, str]
 
 
 def _group(name: str, model: ArticulatedModel) -> str:
-    if name in model.proportion_names and "length" not in name:
+    if name in model.proportions.names and "length" not in name:
         found = (group for group, parts in _GROUPS.items() if any(part in name for part in parts))
         return next(found, "length")
     return "forearm" if name == "forearm" else "length"

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, B, Floats, Ints, K
+from handtrack.arrays import D3, B, Floats, Ints, K, contiguous
 from handtrack.errors import unknown_name
-from handtrack.model.kinematics_kernels import KinematicTree
 
+KinematicTree = tuple[Ints[B], Floats[B, D3], Floats[B, D3, D3], Ints[K], Floats[K, D3]]
 ROOT_PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
 
 
@@ -44,14 +44,10 @@ class Skeleton:
 
     @cached_property
     def tree(self) -> KinematicTree:
-        """The same as arrays, for compiled code."""
-        return KinematicTree(
-            np.asarray(self.parent, np.int64),
-            np.ascontiguousarray(self.offset, float),
-            np.ascontiguousarray(self.rest_rotation, float),
-            np.asarray(self.hinge_bone, np.int64),
-            np.ascontiguousarray(self.hinge_axis, float),
-        )
+        """The same for compiled code: parents, offsets, rest rotations, hinges' bones and axes."""
+        offset, rest, axis = contiguous(self.offset, self.rest_rotation, self.hinge_axis)
+        hinges = np.asarray(self.hinge_bone, np.int64)
+        return np.asarray(self.parent, np.int64), offset, rest, hinges, axis
 
     @property
     def bone_count(self) -> int:

@@ -5,20 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from handtrack.arrays import D2, Array, Floats, Ints, K, P, S
 from handtrack.errors import HandtrackError, unknown_name
-
-
-class Links(NamedTuple):
-    """Which joint parameters follow which solver parameters, and how far."""
-
-    joint: Ints[K]
-    leader: Ints[K]
-    ratio: Floats[K]
 
 
 @dataclass(frozen=True)
@@ -61,13 +52,13 @@ class ParameterTransform:
         return np.stack([low, high], axis=1)
 
     @cached_property
-    def links(self) -> Links:
-        """The matrix as a list. A joint parameter follows one solver parameter at most."""
+    def links(self) -> tuple[Ints[K], Ints[K], Floats[K]]:
+        """The matrix as a list: which joint parameters follow which solver parameters, one each at most, and the ratio."""
         joint, leader = np.nonzero(self.matrix)
         assert len(set(joint)) == len(joint), (
             "a joint parameter may follow one solver parameter only"
         )
-        return Links(joint.copy(), leader.copy(), self.matrix[joint, leader])
+        return joint.copy(), leader.copy(), self.matrix[joint, leader]
 
 
 def build_transform(

@@ -45,7 +45,6 @@ class ImagePins:
     camera: Camera
     """without distortion"""
     pins: tuple[Pin, ...]
-    sigma_px: float = PIN_SIGMA_PX
 
     @property
     def pixels(self) -> Floats[K, D2]:

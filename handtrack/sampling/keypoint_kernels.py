@@ -88,7 +88,7 @@ def _collisions(overlaps, space, want_system):  # pragma: no cover - compiled
 @compiled
 def workspace(problem):  # pragma: no cover - compiled
     """Return a Workspace for a problem."""
-    bones, hinges = problem.tree.parent.shape[0], problem.tree.hinge_bone.shape[0]
+    bones, hinges = problem.tree[0].shape[0], problem.tree[3].shape[0]
     count = 6 + hinges
     parts = bones if collides(problem.overlaps) else 0
     return Workspace(
@@ -305,7 +305,7 @@ def _dress(problem, space, t, by_stiff, by_bent):  # pragma: no cover - compiled
     """Fill gradient and both matrices' row of joint parameter t, from the bone it moves and those above."""
     b, first, last = 0, 0, 0
     if t >= 6:
-        b = problem.tree.hinge_bone[t - 6]
+        b = problem.tree[3][t - 6]
         first, last = problem.chain_start[b], problem.chain_start[b + 1]
     screw, wrench = space.screw, space.wrench
     stiff, bent = space.stiff, space.bent
@@ -334,7 +334,7 @@ def _dress(problem, space, t, by_stiff, by_bent):  # pragma: no cover - compiled
 def keypoint_system(problem, params, space, gradient, normal, curvature):  # pragma: no cover
     """Return the cost; fill gradient (P,), Gauss-Newton matrix (P, P), and what the exact Hessian has beyond it."""
     pose(problem, params, space)
-    parent = problem.tree.parent
+    parent = problem.tree[0]
     force, arm, wrench = np.empty(3), np.empty(3), space.wrench
     stiffness, bend, half = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     by_stiff, by_bent = np.empty(6), np.empty(6)

@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q
+from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q, S
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.kinematics_kernels import KinematicTree
 from handtrack.model.limits import MovingLimits
-from handtrack.model.transform import Links
+from handtrack.model.skeleton import KinematicTree
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.collision import Collisions, CollisionTerm
@@ -30,7 +29,7 @@ class KeypointProblem(NamedTuple):
     """(B + 1,) where each bone's hinges begin in `chain`"""
     chain: Ints[Q]
     """the hinges that move each bone, from the root"""
-    links: Links
+    links: tuple[Ints[S], Ints[S], Floats[S]]
     """joint parameter = ratio · leader; each has one"""
     limits: MovingLimits
     point_bone: Ints[K]

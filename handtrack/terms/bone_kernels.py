@@ -154,12 +154,13 @@ def to_solver(sums, jacobian, priors, links, size):  # pragma: no cover - compil
     """Return gradient (size,) and Hessian by solver parameters: of observations, pulled back, and priors, by joint parameters."""
     g, h = pull_back(sums, jacobian)
     gradient, hessian = np.zeros(size), np.zeros((size, size))
-    for a in range(links.joint.shape[0]):
-        s, p, ratio = links.joint[a], links.leader[a], links.ratio[a]
+    joint, leader, ratios = links
+    for a in range(joint.shape[0]):
+        s, p, ratio = joint[a], leader[a], ratios[a]
         gradient[p] += ratio * (g[s] + priors.gradient[s])
-        for b in range(links.joint.shape[0]):
-            t, r = links.joint[b], links.leader[b]
-            hessian[p, r] += ratio * links.ratio[b] * (h[s, t] + priors.hessian[s, t])
+        for b in range(joint.shape[0]):
+            t, r = joint[b], leader[b]
+            hessian[p, r] += ratio * ratios[b] * (h[s, t] + priors.hessian[s, t])
     return gradient, hessian
 
 

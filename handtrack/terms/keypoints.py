@@ -13,7 +13,7 @@ from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints
-from handtrack.observation.pins import ImagePins, Pin
+from handtrack.observation.pins import PIN_SIGMA_PX, ImagePins, Pin
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.keypoint_kernels import keypoint_sums, point_velocities
 from handtrack.terms.loss import Loss, quadratic
@@ -152,7 +152,8 @@ def _targets(observed: Observed) -> tuple[Floats, Floats]:
     """Return where points were seen, and each one's sigma."""
     if isinstance(observed, Keypoints):
         return observed.positions, np.full(len(observed.positions), observed.sigma_m)
-    return observed.pixels, np.broadcast_to(observed.sigma_px, len(observed.pixels))
+    sigma = PIN_SIGMA_PX if isinstance(observed, ImagePins) else observed.sigma_px
+    return observed.pixels, np.broadcast_to(sigma, len(observed.pixels))
 
 
 def _are_known(targets: Floats) -> Array[K]:

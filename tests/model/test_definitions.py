@@ -155,7 +155,7 @@ def test_signs_of_trunk_and_head(body):
 def test_proportions_move_hips_clavicles_and_skull(body):
     parts = {"hip": "hip", "clavicle": "shoulder", "skull": "head_top"}
     places = body.joint_positions(body.bones(np.zeros(34)))
-    for name in body.proportion_names:
+    for name in body.proportions.names:
         changed = load_model("body34", scale=HandScale(1.0, {}, {name: 2.0}))
         moved = np.abs(changed.joint_positions(changed.bones(np.zeros(34))) - places).max(axis=1)
         assert ((moved > 0.005) == (moved > 0)).all(), name

@@ -294,7 +294,7 @@ assert read_result(Record(1, "frame", *result_content(frames[2]))).grip_n == 2.0
 write_npz(folder / "poses.npz", track.labels.track(frames))
 track = read_npz(folder / "poses.npz")
 assert [f.grip_n for f in track.frames()] == [0, 1, 2, 4]
-assert labelled(track).arrays["grip_n"].unit == "N"
+assert labelled(track)[1]["grip_n"][2] == "N"
 assert track.to_xarray().grip_n.shape == (4,) and track.to_dataframe().grip_n[4] == 4.0
 table, side = write(folder / "poses.csv", ResultsTable(track))
 assert [row["grip_n"] for row in csv.DictReader(table.open())] == ["0", "1", "2", "4"]

@@ -113,7 +113,8 @@ def edges(rng):
 def test_edges_are_where_the_picture_changes(edges):
     _, seen = edges
     best = seen.place[:, 0][seen.strength[:, 0] > 0]
-    assert seen.found > 0.9
+    length = seen.outline.length_px
+    assert length[(seen.strength > 0).any(axis=1)].sum() > 0.9 * length.sum()
     assert abs(np.median(best)) < 0.3
     assert np.percentile(np.abs(best), 80) < 1.0
 

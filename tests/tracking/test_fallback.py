@@ -114,7 +114,7 @@ def test_what_no_line_of_sight_meets_may_be_a_hole(poor, good):
     """A patch of the hand beside all lines costs log 2, however far; deeper or nearer on them it costs nothing."""
     calm, params = poor_cloud_settings(TrackerSettings()), MODEL.transform.solver_params(TRUTH[0])
     seen = see_cloud(good[0], MODEL, MODEL.bones(params), calm)
-    _, holes = cloud_terms(seen, MODEL, calm, 1.2)
+    _, holes = cloud_terms(seen, MODEL, 1.2)
     patches = holes.weight * len(holes.bone)
     sight = TRUTH[0][:3] - poor[0].cloud_views[0][0]
 

@@ -53,7 +53,7 @@ def test_silhouettes_cost_half_the_sum_of_all_pixels_squares(fist):
     terms = frame_terms(fist.model, settings("paper2007"), seen, bones, None)
     assert (terms.priors, terms.parts, terms.stages) == ((), (), 1)
     kept = [
-        replace(s, valid=p.valid)  # without what lies behind the wrist
+        replace(s, valid=p.mask.valid)  # without what lies behind the wrist
         for s, p in zip(seen.silhouettes, terms.prepared, strict=True)
     ]
     plain = dense_field(kept, fist.model.flesh["fine"], bones)
@@ -105,7 +105,7 @@ def test_a_cloud_costs_what_the_papers_sums_say(ball_cloud, distance, beta):
     bones = BALL.bones(np.array([0.003, -0.004, 0.002, 0.0, 0.1, 0.0]))
     found = see_cloud(seen, BALL, bones, chosen)
     assert found.prepared.count == len(points)  # 10 cm around
-    cloud_side, model_side = cloud_terms(found, BALL, chosen, 1.2)
+    cloud_side, model_side = cloud_terms(found, BALL, 1.2)
     surface = MetaballSurface.of(BALL, 1e3 * beta, distance)
     e1 = float((merged(surface, bones, points)[0] ** 2).sum())
     assert cloud_side.cost(bones) == pytest.approx(0.5 * 0.3 * 1e6 * e1, rel=1e-6)

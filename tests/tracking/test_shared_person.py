@@ -78,7 +78,7 @@ def test_a_frames_system_has_the_derivatives_of_its_cost_by_pose_cameras_and_per
     looks = [(observe(0, None), HAND.bones(poses[0]).position.mean(axis=0))] * 4
     person = PersonChange.of(HAND, looks, replace(WHO, offsets=True))
     assert person.free.all()
-    assert set(HAND.proportion_names) < set(person.parameters.names)
+    assert set(HAND.proportions.names) < set(person.parameters.names)
     shared = Shared(CameraChanges.none([camera_at(k) for k in range(3)]), person)
     larger = np.where(np.arange(shared.count) < shared.cameras.count, 0.01, 0.5)
     shared = shared.stepped(larger * rng.normal(size=shared.count))

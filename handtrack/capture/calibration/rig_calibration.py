@@ -352,7 +352,7 @@ def _warnings(board: Board, fits: Sequence[_LensFit], refined: Refined) -> Itera
             "turn; which way round it was is settled by what most common views agree on, which needs "
             "a board that moves. A board with one even and one odd count (such as 9x6) is safe."
         )
-    if refined.why != "converged":
+    if not refined.converged:
         yield ("the refinement stopped before it had settled; treat the numbers with care.")
     if isinstance(board, CharucoBoard) and board.rows % 2 == 0:
         yield (

@@ -25,20 +25,20 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     from scipy.io import netcdf_file
 
     with replacing(path) as part, netcdf_file(part, "w", version=2) as file:
-        known, told = labelled(table.track), about(table)
+        (coordinates, arrays, attributes), told = labelled(table.track), about(table)
         words = {"axes": told["axes"], "description": json.dumps(told)}
-        for name, value in {**known.attributes, **words}.items():
+        for name, value in {**attributes, **words}.items():
             setattr(file, name, (_ascii(value) or "-") if isinstance(value, str) else value)
-        for name, values in known.coordinates.items():
+        for name, values in coordinates.items():
             if isinstance(values, np.ndarray):
                 _add(file, name, (name,), values, "s")
             else:
                 _labels(file, name, values)
-        for name, array in known.arrays.items():
-            if array.values.dtype.kind == "U":
-                _labels(file, name, [str(text) for text in array.values], *array.axes)
+        for name, (axes, values, unit) in arrays.items():
+            if values.dtype.kind == "U":
+                _labels(file, name, [str(text) for text in values], *axes)
             else:
-                _add(file, name, array.axes, array.values, array.unit)
+                _add(file, name, axes, values, unit)
         _isb(file, table)
     return [path]
 

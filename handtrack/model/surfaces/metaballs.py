@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,19 +22,6 @@ FORMS = {"d1": np.inf, "d2": 0.0, "d3": 1.0}
 
 SHARPNESS_PER_M = 1000.0
 """β of a hand of scale 1. The 2004 paper does not state its unit; 1/mm rounds creases by about a millimetre."""
-
-
-class PosedSurface(NamedTuple):
-    """The surface where bones have carried it, for compiled code."""
-
-    table: Floats[E, D16]
-    """layout: metaballs_kernels.py"""
-    bone: Ints[E]
-    start: Ints[K]
-    members: Ints[L]
-    """see `MetaballSurface.links`"""
-    sharpness: float
-    turning: float
 
 
 @array_dataclass
@@ -96,12 +82,16 @@ class MetaballSurface:
         start = np.cumsum([0, *map(len, members)])
         return start.astype(np.int64), np.array([i for row in members for i in row], np.int64)
 
-    def posed(self, bones: BonePoses) -> PosedSurface:
-        """Return the surface at these poses, for compiled code."""
+    def posed(
+        self, bones: BonePoses
+    ) -> tuple[Floats[E, D16], Ints[E], Ints[K], Ints[L], float, float]:
+        """Return the surface at these poses, for compiled code: a table as metaballs_kernels.py says, each ellipsoid's bone, `links`,
+        sharpness and `turning_level`.
+        """
         flesh = self.ellipsoids.rescaled(bones).arrays
         table = np.empty((len(flesh[0]), 16))
         pose_table(bones.frames, flesh, table)
-        return PosedSurface(table, flesh[0], *self.links, self.sharpness, self.turning_level)
+        return table, flesh[0], *self.links, self.sharpness, self.turning_level
 
     def near(
         self, bones: BonePoses, points: Floats[N, D3]

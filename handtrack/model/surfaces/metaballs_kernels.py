@@ -74,8 +74,7 @@ def merged_distance(
     points, surface, want_gradient, distance, closest, gradient
 ):  # pragma: no cover - compiled
     """Fill distance (N,), closest (N,) and, if wanted, gradient (N, 3) of the merged surface at points (N, 3)."""
-    table, start, members = surface.table, surface.start, surface.members
-    sharpness, turning = surface.sharpness, surface.turning
+    table, _, start, members, sharpness, turning = surface
     each = np.empty(table.shape[0])
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]

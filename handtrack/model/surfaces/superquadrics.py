@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D9, E, Floats, Ints, N, T, V, array_dataclass
+from handtrack.arrays import D2, D3, E, Floats, Ints, N, T, V, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
@@ -39,17 +39,6 @@ class Superquadrics:
 
     def __len__(self) -> int:
         return len(self.bone)
-
-    @property
-    def shape(self) -> Floats[E, D9]:
-        """Return the shape parameters: radii, exponents, taper, bend."""
-        return np.concatenate([self.radii, self.exponents, self.taper, self.bend], axis=1)
-
-    def level(self, part: int, points: Floats[N, D3]) -> Floats[N]:
-        """Return the left side of the part's equation at points of its own axes, before deformation."""
-        x, y, z = (np.abs(points) / self.radii[part]).T
-        e1, e2 = self.exponents[part]
-        return (x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)
 
     def mesh(self, around: int = 16, along: int = 12) -> PartMesh:
         """Return all parts as closed meshes on a grid of latitudes and longitudes.

@@ -46,8 +46,8 @@ def aligned(count):  # pragma: no cover - compiled
 def cloud_sums(cloud, surface, sigma, loss, weight, reference, sums):  # pragma: no cover - compiled
     """Add E1 to sums; return ½ weight Σ ρ(d²/σ²)."""
     points, count, spheres = cloud
-    table, start, members = surface.table, surface.start, surface.members
-    sharpness, turning, width = surface.sharpness, surface.turning, sums.width
+    table, _, start, members, sharpness, turning = surface
+    width = sums.width
     ellipsoids = table.shape[0]
     low, least_high = bounds(table, turning, spheres)
     buffers = aligned(ellipsoids * 3 * BUFFER).reshape(ellipsoids, 3, BUFFER)

@@ -68,7 +68,7 @@ def rays_sums(rays, surface, noise, weight, reference, sums):  # pragma: no cove
     """
     centre, rays, depth = rays
     along, outlier, beside, saturating = noise
-    table, bone = surface.table, surface.bone
+    table, bone = surface[0], surface[1]
     width, gradient, hessian = sums
     cost, row, share = 0.0, np.empty(12), 0.0
     unexplained = robust(outlier, _FAR)[0]

@@ -131,13 +131,6 @@ class SeenEdges:
     strength: Floats[N, K]
     """(N, MOST) 0 … 1; 0 where there is no edge"""
 
-    @property
-    def found(self) -> float:
-        """The share of the outline, by length, on whose normals there is any edge."""
-        length = self.outline.length_px
-        total = float(length.sum())
-        return float(length @ (self.strength > 0).any(axis=1)) / total if total > 0 else 0.0
-
 
 def edges_near(outline: OutlinePoints, image: SmoothImage, search_px: float) -> SeenEdges:
     """Return the edges within ± search_px of an outline.

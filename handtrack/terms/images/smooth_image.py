@@ -19,7 +19,6 @@ class SmoothImage:
     """column and row of the window's first pixel in the image"""
     values: Array[H, W, D3]
     """float32, 0 … 255"""
-    sigma_px: float
 
     def look_up(self, pixels: Floats[N, D2]) -> tuple[Floats[N, D3], Floats[N, D3, D2]]:
         """Return values and their slopes [1/px] at image points, bilinear."""
@@ -50,4 +49,4 @@ def smooth_image(
     x, y = first - from_
     w, h = last - first
     values = np.ascontiguousarray(part[y : y + h, x : x + w])
-    return SmoothImage((int(first[0]), int(first[1])), values, sigma_px)
+    return SmoothImage((int(first[0]), int(first[1])), values)

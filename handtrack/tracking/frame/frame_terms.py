@@ -167,7 +167,7 @@ class FrameTerms:
         points = (self if index >= self.stages - 1 else self.wide()).keypoints
         terms: list[ObservationTerm] = [*self.own, *self.parts, *self.pins, *points]
         if self.cloud is not None:
-            points_seen = cloud_terms(self.cloud, self.model, self.settings, band_mm)
+            points_seen = cloud_terms(self.cloud, self.model, band_mm)
             then = self.cloud_motion
             terms += points_seen if then is None else [AtOwnTime(t, then) for t in points_seen]
         if self.appearance is not None:

@@ -420,10 +420,10 @@ class TrackResult(TrackLabels):
             labelled,  # which needs the result itself
         )
 
-        known = labelled(self)
-        arrays = {name: (a.axes, a.values, {"units": a.unit}) for name, a in known.arrays.items()}
-        words = {name: (name, np.asarray(values)) for name, values in known.coordinates.items()}
-        return _library("xarray").Dataset(arrays, words, dict(known.attributes))
+        coordinates, known, attributes = labelled(self)
+        arrays = {n: (axes, values, {"units": unit}) for n, (axes, values, unit) in known.items()}
+        words = {name: (name, np.asarray(values)) for name, values in coordinates.items()}
+        return _library("xarray").Dataset(arrays, words, attributes)
 
     @cached_property
     def landmark_definition(self) -> str | None:

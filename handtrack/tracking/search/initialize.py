@@ -75,7 +75,7 @@ def fit_scale(build: Callable[[HandScale], ArticulatedModel], seen: Keypoints) -
     taken for them (`webxr_stereo_768` by its cloud 6.0 mm without, 7.2 with).
     """
     model = build(HandScale())
-    held = model.proportion_names if model.kind == "hand" else ()
+    held = model.proportions.names if model.kind == "hand" else ()
     free = np.array([name not in held for name in SizeParameters(model).names])
     problem = _on_points(model, seen)
     return fit_size([problem], [fit_keypoints(model, seen)], free)[0]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -18,26 +17,17 @@ _BEFORE_OTHERS = ("p_off_25mm", "p_off_10mm", "reason")
 """in this order after the joints, since scripts may read columns by position; what is declared later comes after them"""
 
 
-class Labelled(NamedTuple):
-    """An array with named axes."""
+def labelled(
+    track: TrackResult,
+) -> tuple[
+    dict[str, Sequence[str] | Array[F]],
+    dict[str, tuple[tuple[str, ...], Array[*Axes], str]],
+    dict[str, str | float],
+]:
+    """Return what stands along each axis: `time` [s], else words; the axes, values and unit of a track's arrays, positions of lost frames
+    being NaN; and attributes.
 
-    axes: tuple[str, ...]
-    values: Array[*Axes]
-    unit: str
-
-
-class LabelledTrack(NamedTuple):
-    """A track of F frames as arrays by name."""
-
-    coordinates: Mapping[str, Sequence[str] | Array[F]]
-    """what stands along an axis: `time` [s], else words"""
-    arrays: Mapping[str, Labelled]
-    """positions of lost frames are NaN"""
-    attributes: Mapping[str, str | float]
-
-
-def labelled(track: TrackResult) -> LabelledTrack:
-    """Return a track's arrays: `position`, `position_std`, `position_covariance` and `confidence` by keypoint, `angle` and
+    The arrays are `position`, `position_std`, `position_covariance` and `confidence` by keypoint, `angle` and
     `angle_std` by parameter, `T_world_bone` by bone, `frame`, `status`, `energy`, and where they are known those of `per_frame`,
     such as `views`, `p_off_25mm`, `p_off_10mm` by part, `reason`.
     """
@@ -62,24 +52,22 @@ def labelled(track: TrackResult) -> LabelledTrack:
     }
     angles, mixed = ("time", "parameter"), "rad; m for root_tx, root_ty, root_tz"
     arrays = {
-        "position": Labelled(points, shown(track.joint_positions), "m"),
-        "position_std": Labelled(points, shown(std), "m"),
-        "position_covariance": Labelled(
-            (*points[:2], "space_2", *points[2:]), shown(covariance), "m2"
-        ),
-        "confidence": Labelled(("time", *points[2:]), joint_confidence(track)[..., None], "1"),
-        "angle": Labelled(angles, track.parameters, mixed),
-        "angle_std": Labelled(angles, track.parameter_std, mixed),
-        "T_world_bone": Labelled(("time", "bone", "row", "column"), track.T_world_bone, "m"),
-        "frame": Labelled(time, track.frame, "1"),
-        "status": Labelled(time, track.status, "1"),
-        "energy": Labelled(time, track.energy, "1"),
+        "position": (points, shown(track.joint_positions), "m"),
+        "position_std": (points, shown(std), "m"),
+        "position_covariance": ((*points[:2], "space_2", *points[2:]), shown(covariance), "m2"),
+        "confidence": (("time", *points[2:]), joint_confidence(track)[..., None], "1"),
+        "angle": (angles, track.parameters, mixed),
+        "angle_std": (angles, track.parameter_std, mixed),
+        "T_world_bone": (("time", "bone", "row", "column"), track.T_world_bone, "m"),
+        "frame": (time, track.frame, "1"),
+        "status": (time, track.status, "1"),
+        "energy": (time, track.energy, "1"),
     }
     for name, column in per_frame(FIELDS):
         if (values := getattr(track, name)) is not None:
             axes = (column.names.removesuffix("_names"),) if column.names else ()
             coordinates |= {axis: getattr(track, column.names) for axis in axes}
-            arrays[name] = Labelled((*time, *axes), values, column.unit)
+            arrays[name] = ((*time, *axes), values, column.unit)
     attributes = {
         "source_software": "handtrack",
         "ds_type": "poses",
@@ -90,7 +78,7 @@ def labelled(track: TrackResult) -> LabelledTrack:
         "side": track.side,
         "keypoint_definition": track.keypoint_definition or JOINT_CENTRES,
     }
-    return LabelledTrack(coordinates, arrays, attributes)
+    return coordinates, arrays, attributes
 
 
 def frame_columns(

@@ -52,16 +52,13 @@ class CloudObservation:
     emptiness: CloudEmptinessTerm | None
     """E2, for the surface where the frame starts; of the lines of sight, not the points, where depths are doubted. None when
     only the cloud's side is asked for"""
-    views: tuple[Floats[K, D3], ...] = ()
+    views: tuple[Floats[K, D3], ...]
     """what can have seen the surface, as in `seen_from`"""
+    settings: TrackerSettings
+    objects: Floats[M, D3]
+    """measured points before the hand, of something else: what they hide is not asked for"""
     sigma_m: float | None = None
     """how far points were found to be from the surface, where that is not about `cloud.sigma_mm`"""
-    surface: CloudTermSettings = CloudTermSettings()
-    """which surface distances are measured to"""
-    traits: Traits = Traits()
-    """the method's"""
-    objects: Floats[M, D3] | None = None
-    """measured points before the hand, of something else: what they hide is not asked for"""
 
     def sharpened(
         self, model: ArticulatedModel, bones: BonePoses, usual_m: float
@@ -72,9 +69,9 @@ class CloudObservation:
         sensor that errs by more less. Fewer patches than freedoms tell nothing: the hand can be bent to meet them all.
         """
         few = self.share * self.prepared.count < len(model.transform.names)
-        if few or self.traits.plain_sums:
+        if few or self.settings.traits.plain_sums:
             return self
-        off = np.abs(fitted_surface(model, self.surface).distance(bones, self.prepared.rows))
+        off = np.abs(fitted_surface(model, self.settings.cloud).distance(bones, self.prepared.rows))
         off = off[off < _EMPTY_FAR_M]  # other things may stand beside a hand
         if not len(off):
             return self
@@ -89,8 +86,8 @@ class CloudObservation:
         """
         if self.emptiness is None:
             return self
-        mesh = _mesh(model, bones, self.surface)
-        asked = _asked(self.views, self.traits)
+        mesh = _mesh(model, bones, self.settings.cloud)
+        asked = _asked(self.views, self.settings.traits)
         term = _hand_only(self.emptiness.for_mesh(mesh, asked, self.objects), model)
         return replace(self, emptiness=term)
 
@@ -139,9 +136,8 @@ def see_cloud(
         share,
         emptiness,
         tuple(seen.cloud_views),
-        surface=settings.cloud,
-        traits=traits,
-        objects=before,
+        settings,
+        before,
     )
 
 
@@ -211,14 +207,14 @@ def _hand_only(term: CloudEmptinessTerm, model: ArticulatedModel) -> CloudEmptin
 
 
 def cloud_terms(
-    seen: CloudObservation, model: ArticulatedModel, settings: TrackerSettings, band_mm: float
+    seen: CloudObservation, model: ArticulatedModel, band_mm: float
 ) -> list[ObservationTerm]:
     """Return E1 and E2 as negative log-likelihoods, robust beyond a few bands; lines of sight where depths are doubted.
 
     E1 and E2 ask after the same error, from either side, so their weights add up to one. A line of sight that meets the
     hand, and a piece of the hand that no line meets, are two observations: at K = ½ each counts whole.
     """
-    chosen, sigma_m = settings.cloud, settings.cloud.sigma_mm * _MM
+    chosen, sigma_m = seen.settings.cloud, seen.settings.cloud.sigma_mm * _MM
     if _is_doubted(seen.views, chosen):
         rays = CloudRaysTerm(
             seen.prepared.rows,
@@ -228,12 +224,12 @@ def cloud_terms(
             weight=2.0 * chosen.balance * chosen.weight * seen.share,
         )
         empty = 2.0 * (1.0 - chosen.balance)
-        return [rays, *_empty(seen, model, settings, _AS_OFTEN_AS_NOT, empty)]
+        return [rays, *_empty(seen, model, _AS_OFTEN_AS_NOT, empty)]
     robust: Loss = geman_mcclure(
         max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0)
     )
     far: Loss = geman_mcclure(_EMPTY_FAR_M / sigma_m)
-    if settings.traits.plain_sums:
+    if seen.settings.traits.plain_sums:
         robust = far = quadratic()
     points = CloudDistanceTerm(
         seen.prepared,
@@ -242,19 +238,19 @@ def cloud_terms(
         loss=robust,
         weight=chosen.balance * chosen.weight * seen.share,
     )
-    return [points, *_empty(seen, model, settings, far, 1.0 - chosen.balance)]
+    return [points, *_empty(seen, model, far, 1.0 - chosen.balance)]
 
 
 def _empty(
     seen: CloudObservation,
     model: ArticulatedModel,
-    settings: TrackerSettings,
     loss: Loss,
     weight: float,
 ) -> list[ObservationTerm]:
     """Return E2, or nothing where only the cloud's side is asked for."""
     if seen.emptiness is None:
         return []
+    settings = seen.settings
     plain = settings.traits.plain_sums
     share = 1.0 if plain else min(1.0, _CELL_AREA / _patch_area(model))
     term = replace(
@@ -289,11 +285,11 @@ def agreement(seen: CloudObservation, model: ArticulatedModel, bones: BonePoses)
     whether that was measured which could be.
     """
     points = seen.prepared.rows
-    off = np.abs(fitted_surface(model, seen.surface).distance(bones, points))
+    off = np.abs(fitted_surface(model, seen.settings.cloud).distance(bones, points))
     measured, term = np.nan, seen.emptiness  # of the hand alone
     if term is not None and len(term.bone):
         distances = term.distances
-        if _is_doubted(seen.views, seen.surface):  # those are of lines of sight
+        if _is_doubted(seen.views, seen.settings.cloud):  # those are of lines of sight
             distances = distance_map(
                 points, points.min(axis=0) - NEAR_M, points.max(axis=0) + NEAR_M
             )

@@ -31,20 +31,9 @@ HAND_AREA_M2 = 0.012
 _DEPTHS = (0.6, 1.6)
 
 
-@array_dataclass
-class VisualHull:
-    """Cells that project into every silhouette that could see them."""
-
-    centres: Floats[N, D3]
-    """world [m]"""
-    depth: Floats[N]
-    """how far inside the hull each lies, about [m]"""
-    side: float
-    """of a cell [m]"""
-
-
-def visual_hull(silhouettes: Sequence[Silhouette]) -> VisualHull:
-    """Return the hull of what the silhouettes show, cells of a centimetre; without cells where they disagree.
+def visual_hull(silhouettes: Sequence[Silhouette]) -> tuple[Floats[N, D3], Floats[N]]:
+    """Return cells of a centimetre that project into every silhouette that could see them, and how far inside their hull each lies, about [m];
+    none where they disagree.
 
     A camera that a cell lies outside of says nothing about it; at least two must see it, or the only one there is.
     """
@@ -52,7 +41,7 @@ def visual_hull(silhouettes: Sequence[Silhouette]) -> VisualHull:
 
     seen = [s for s in silhouettes if (s.mask > 0.5).any()]
     if not seen:
-        return VisualHull(np.zeros((0, 3)), np.zeros(0), _SIDE_M)
+        return np.zeros((0, 3)), np.zeros(0)
     outside: list[Floats] = [
         np.asarray(distance_transform_edt((s.mask <= 0.5) & (s.mask >= 0))) for s in seen
     ]
@@ -69,7 +58,7 @@ def visual_hull(silhouettes: Sequence[Silhouette]) -> VisualHull:
     halves = 0.5 * _SIDE_M * np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), -1)
     fine = (coarse[:, None] + halves.reshape(-1, 3)).reshape(-1, 3)
     fine = fine[_inside(fine, cameras, outside, 0.5 * _SIDE_M)]
-    return VisualHull(fine, _depth(fine), _SIDE_M)
+    return fine, _depth(fine)
 
 
 def _inside(
@@ -135,26 +124,29 @@ class SilhouetteEvidence:
     whole: tuple[Silhouette, ...]
     small: tuple[Silhouette, ...]
     """at about 3.5 mm a pixel at the hand's distance"""
-    hull: VisualHull
+    cells: Floats[N, D3]
+    """of their hull, world [m]"""
+    depth: Floats[N]
+    """how far inside it each lies, about [m]"""
 
     @cached_property
     def places(self) -> Floats[M, D3]:
         """Where a palm's middle may be, world [m]: within the hull, its thickest parts first."""
-        deep = self.hull.depth > 0.5 * min(PALM_DEEP_M, float(self.hull.depth.max(initial=0.0)))
-        order = np.argsort(-self.hull.depth[deep], kind="stable")
+        deep = self.depth > 0.5 * min(PALM_DEEP_M, float(self.depth.max(initial=0.0)))
+        order = np.argsort(-self.depth[deep], kind="stable")
         # balls of that radius cannot cover more: a mask of the whole image would take for ever from small ones
-        volume = int(deep.sum()) * self.hull.side**3
+        volume = int(deep.sum()) * _SIDE_M**3
         apart = max(_PLACE_M, (3 * volume / (4 * np.pi * _MOST_PLACES)) ** (1 / 3))
-        chosen = group_middles(self.hull.centres[deep][order], apart)
+        chosen = group_middles(self.cells[deep][order], apart)
         while len(chosen) > _MOST_PLACES:
             apart *= 1.15
-            chosen = group_middles(self.hull.centres[deep][order], apart)
+            chosen = group_middles(self.cells[deep][order], apart)
         return chosen
 
     @cached_property
     def _scored(self) -> tuple[Silhouette, ...]:
         """Return the silhouettes that scores look at: of many, those whose lines of sight differ most."""
-        middle = self.hull.centres.mean(axis=0)
+        middle = self.cells.mean(axis=0)
         sights = np.stack([s.camera.centre - middle for s in self.small])
         sights /= np.linalg.norm(sights, axis=1, keepdims=True)
         chosen = [0]
@@ -254,11 +246,12 @@ class SilhouetteEvidence:
 def silhouette_evidence(silhouettes: Sequence[Silhouette]) -> SilhouetteEvidence | None:
     """Return silhouettes made ready for the search; None where they outline nothing, or nothing in common."""
     seen = [s for s in silhouettes if (s.mask > 0.5).any() and not s.fills_image]
-    hull = visual_hull(seen)
-    if not len(hull.centres):
+    cells, depth = visual_hull(seen)
+    if not len(cells):
         return None
-    middle = hull.centres.mean(axis=0)
-    return SilhouetteEvidence(tuple(seen), tuple(_reduced(s, middle) for s in seen), hull)
+    middle = cells.mean(axis=0)
+    small = tuple(_reduced(s, middle) for s in seen)
+    return SilhouetteEvidence(tuple(seen), small, cells, depth)
 
 
 def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:
