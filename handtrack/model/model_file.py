@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
-from importlib import resources
+from importlib import import_module, resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, NotRequired, TypedDict, TypeGuard
 
@@ -33,7 +33,6 @@ from handtrack.model.articulated import (
 )
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.limits import Limits
-from handtrack.model.others.read_other import OTHERS, read_other
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
 from handtrack.model.surfaces.superquadrics import read_superquadrics
 from handtrack.model.transform import build_transform
@@ -564,3 +563,15 @@ def _ellipsoids(
         rotation=turns,
         radii=np.array([row["radii"] for row in kept], dtype=float) * _MM,
     ).scaled(factors[bone], shift[bone])
+
+
+_FORMS = {".urdf": "urdf", ".bvh": "bvh", ".xml": "mjcf", ".mjcf": "mjcf"}
+OTHERS = tuple(_FORMS)
+"""endings of files that are read"""
+
+
+def read_other(path: Path) -> dict[str, Any]:
+    """Return the tables of a definition made of a file with one of these endings. Raises HandtrackError."""
+    form = _FORMS[path.suffix.lower()]
+    module = import_module(f"handtrack.model.others.{form}")
+    return getattr(module, f"read_{form}")(path)

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Axes, C, Floats, N, array_dataclass
+from handtrack.arrays import D2, C, Floats, N, array_dataclass
 from handtrack.geometry.triangulation import triangulated
 from handtrack.observation.observation import Silhouette
 
@@ -87,18 +87,6 @@ class _Hand:
         middle = np.median(hand, axis=0) if len(hand) else np.zeros(2)
         return cls(seen, len(hand), middle, hand[:: max(len(hand) // _SAMPLES, 1)])
 
-    def may_show(self, points: Floats[*Axes, D3]) -> Array[*Axes]:
-        """Return whether points are hand, open or out of sight here."""
-        width, height = self.seen.camera.size
-        pixels = np.nan_to_num(self.seen.camera.project(points), nan=-1.0)
-        column, row = np.moveaxis(np.rint(pixels).astype(int), -1, 0)
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        column, row = np.clip(column, 0, width - 1), np.clip(row, 0, height - 1)
-        first, stop = np.moveaxis(self.seen.valid[row], -1, 0)
-        value = self.seen.mask[row, column]
-        background = (column >= first) & (column < stop) & (value >= 0) & (value <= 0.5)
-        return ~(inside & background)
-
 
 def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
     """Return the share of a hand's pixels on whose lines of sight no point may be hand in all of the others."""
@@ -116,5 +104,6 @@ def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
     points = camera.centre + (along.min(axis=0)[:, None] + steps)[..., None] * ways[:, None]
     possible = np.ones(points.shape[:2], bool)
     for other in others:
-        possible[possible] = other.may_show(points[possible])
+        covered, known, _ = other.seen.at(points[possible])
+        possible[possible] = covered | ~known
     return float((~possible.any(axis=1)).mean())

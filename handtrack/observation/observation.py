@@ -14,6 +14,7 @@ from handtrack.arrays import (
     D3,
     Array,
     Axes,
+    Bytes,
     F,
     Floats,
     H,
@@ -27,7 +28,7 @@ from handtrack.arrays import (
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import Camera
-from handtrack.observation.lens_maps import lens_maps
+from handtrack.observation.lens_maps import Roi, lens_maps
 from handtrack.observation.pins import ImagePins
 
 UNKNOWN = np.float32(-1.0)
@@ -139,6 +140,16 @@ class Silhouette:
         column = np.arange(self.mask.shape[1])
         seen = (column >= self.valid[:, :1]) & (column < self.valid[:, 1:])
         return seen & (self.mask >= 0)
+
+    def at(self, points: Floats[*Axes, D3]) -> tuple[Array[*Axes], Array[*Axes], Array[*Axes]]:
+        """Return whether the mask covers points, whether that is known there, or nobody knows of what was observed."""
+        pixel = np.rint(np.nan_to_num(self.camera.project(points), nan=-1.0)).astype(int)
+        height, width = self.mask.shape
+        row, column = np.clip(pixel[..., 1], 0, height - 1), np.clip(pixel[..., 0], 0, width - 1)
+        begin, end = np.moveaxis(self.valid[row], -1, 0)
+        known = (pixel[..., 1] == row) & (begin <= pixel[..., 0]) & (pixel[..., 0] < end)
+        covered = self.mask[row, column]
+        return covered > 0.5, known & (covered >= 0), known & (covered < 0)
 
     @property
     def outline_px(self) -> float:
@@ -307,3 +318,32 @@ def _check_points(
         )
     object.__setattr__(points, "names", names)
     object.__setattr__(points, field_name, values)
+
+
+def undistort_silhouette(
+    camera: Camera, mask: Bytes[H, W], roi: Roi | None = None, unknown: int | None = None
+) -> Silhouette:
+    """Return the silhouette of a mask uint8, 0 background to 255 hand, of the real image.
+
+    Each undistorted pixel holds its coverage, bilinearly interpolated. A row's valid span is the
+    largest run of pixels that come from inside the image and the region of interest. Without
+    distortion the mask passes unchanged. unknown: the mask's value where nobody can tell; nor can
+    anybody of an undistorted pixel to which one of them adds.
+    """
+    width, height = camera.size
+    check_shape(mask, (height, width), f"mask of camera '{camera.name}'")
+    maps = lens_maps(camera, roi)
+    coverage = maps.straightened(mask.astype(np.float32) / np.float32(255))
+    if unknown is not None:
+        unsure = maps.straightened((mask == unknown).astype(np.float32))
+        coverage[unsure > 0] = UNKNOWN
+    coverage.flags.writeable = False
+    return Silhouette(maps.camera, coverage, maps.valid)
+
+
+def undistort_image(camera: Camera, pixels: Array[H, W, *Axes]) -> ImageView:
+    """Return an image (H, W, 3) uint8 BGR as the camera without distortion would have taken it."""
+    width, height = camera.size
+    check_shape(pixels, (height, width, 3), f"image of camera '{camera.name}'")
+    maps = lens_maps(camera)
+    return ImageView(maps.camera, maps.straightened(pixels))

@@ -7,24 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, N, P, check_shape
+from handtrack.arrays import Array, Floats, N, P, check_shape
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints
-from handtrack.sampling.keypoint_problem import KeypointProblem, keypoint_problem
+from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.sampling.polish_kernels import polish_all
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.term import ParameterTerm
-
-
-@dataclass(frozen=True)
-class PolishSettings:
-    """How far to polish."""
-
-    iterations: int = 200
-    """linearisations at most"""
-    gradient_tolerance: float = 1e-6
-    """stop when the gradient on the free directions, each in its own standard deviations, is shorter than this"""
 
 
 @dataclass(frozen=True)
@@ -37,8 +27,6 @@ class Polished:
     """infinite where the start was behind a camera"""
     has_converged: Array[N]
     """gradient below the tolerance"""
-    iterations: Ints[N]
-    """linearisations used"""
     normal: Floats[N, P, P]
     """Gauss-Newton matrix and priors; its inverse is the covariance"""
     hessian: Floats[N, P, P]
@@ -64,27 +52,19 @@ def polish(
     priors: Sequence[ParameterTerm] = (),
     loss: Loss = quadratic(),
     collision: CollisionTerm | None = None,
-    settings: PolishSettings = PolishSettings(),
+    iterations: int = 200,
+    tolerance: float = 1e-6,
 ) -> Polished:
     """Return the minima that descent reaches from starts, of the cost of KeypointTerms, priors and collisions.
 
     observed: joints in space or in any number of undistorted images; priors: quadratic ones; collision: parts that may
-    not pass through each other. Starts outside the limits are first moved into them. Holds no lock while it runs; the
-    same starts give the same bytes.
+    not pass through each other; iterations: linearisations at most; tolerance: descent stops when the gradient on the free
+    directions, each in its own standard deviations, is shorter. Starts outside the limits are first moved into them. Holds no
+    lock while it runs; the same starts give the same bytes.
     """
-    return polish_problem(
-        keypoint_problem(model, observed, priors, loss, collision), starts, settings
-    )
-
-
-def polish_problem(
-    problem: KeypointProblem, starts: Floats[N, P], settings: PolishSettings = PolishSettings()
-) -> Polished:
-    """Return `polish` of a problem that is already packed."""
+    problem = keypoint_problem(model, observed, priors, loss, collision)
     params = np.array(starts, dtype=float, order="C")
     check_shape(params, (None, len(problem.prior_at)), "starts")
-    cost, norm, used, normal, hessian = polish_all(
-        problem, params, settings.iterations, settings.gradient_tolerance
-    )
-    converged = (norm < settings.gradient_tolerance) & np.isfinite(cost)
-    return Polished(params, cost, converged, used, normal, hessian)
+    cost, norm, normal, hessian = polish_all(problem, params, iterations, tolerance)
+    converged = (norm < tolerance) & np.isfinite(cost)
+    return Polished(params, cost, converged, normal, hessian)

@@ -59,13 +59,13 @@ def _difference(problem, params, space, normal, curvature):  # pragma: no cover 
 
 @compiled
 def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - compiled
-    """Polish params (N, P) in place; return costs, gradient norms, iterations (N,) and two matrices (N, P, P).
+    """Polish params (N, P) in place; return costs, gradient norms (N,) and two matrices (N, P, P).
 
     The matrices: Gauss-Newton and priors; and the exact Hessian along the limits, with a large diagonal and nothing
     else for held parameters.
     """
     starts, size = params.shape
-    cost, norm, count_used = np.zeros(starts), np.zeros(starts), np.zeros(starts, np.int64)
+    cost, norm = np.zeros(starts), np.zeros(starts)
     normal_out, hessian_out = np.zeros((starts, size, size)), np.zeros((starts, size, size))
     space, box, limits = workspace(problem), new_box(size), problem.limits
     gradient, slope, step = np.zeros(size), np.zeros(size), np.zeros(size)
@@ -136,7 +136,6 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
                 x[p] = trial[p]
             now = keypoint_system(problem, x, space, gradient, normal, curvature)
         cost[n] = now
-        count_used[n] = used
         if not now < np.inf:
             norm[n] = np.inf
             continue
@@ -155,4 +154,4 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
                 hessian_out[n, p, r] = folded[p, r] if free else 0.0
             if held[p] != 0:
                 hessian_out[n, p, p] = _HELD * max(normal[p, p], 1e-30)
-    return cost, norm, count_used, normal_out, hessian_out
+    return cost, norm, normal_out, hessian_out

@@ -21,8 +21,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.lens import remap_source
 from handtrack.model.flesh import model_mask
 from handtrack.observation.agreement import outline_errors_px
-from handtrack.observation.observation import Silhouette
-from handtrack.observation.undistortion import undistort_silhouette
+from handtrack.observation.observation import Silhouette, undistort_silhouette
 from handtrack.session.layout import MASKS_FOLDER, SESSION_FILE, inside
 from handtrack.session.session import Session
 from handtrack.session.sources.views import View

@@ -30,8 +30,7 @@ from handtrack.files.toml_table import (
 from handtrack.files.toml_text import read_toml, toml_item
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.geometry.source_lens import SourceLens
-from handtrack.model.model_file import MODELS
-from handtrack.model.others.read_other import OTHERS
+from handtrack.model.model_file import MODELS, OTHERS
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 
 FORMAT = 1

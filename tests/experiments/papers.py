@@ -38,7 +38,12 @@ from handtrack.tracking.sequence import track_frames
 from tests.experiments.scenes.closing_fist import scene
 from tests.experiments.scenes.simulated_clouds import DIGICLOPS, depth_views
 from tests.experiments.scenes.simulated_fields import field_views
-from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
+from tests.experiments.scenes.textured_mesh import (
+    Pattern,
+    cluttered_background,
+    in_image,
+    textured_picture,
+)
 from tests.experiments.tracked_frames import joint_error_mm, mean_mm, tracked
 
 Settings = Mapping[str, object]
@@ -199,7 +204,7 @@ def _dance(settings: Settings) -> Iterator[tuple[str, float]]:
     overlap, error = [], []
     for result in tracked(model, settings, seen, what.start()):
         bones = model.bones(model.transform.solver_params(result.parameters))
-        ours = depth_picture(mesh, bones, what.camera).in_image()[0] >= 0
+        ours = in_image(depth_picture(mesh, bones, what.camera))[0] >= 0
         true = what.covered[result.frame] > 0.5
         overlap.append((ours & true).sum() / (ours | true).sum())
         joints = [model.joint_positions(b) - b.position[0] for b in (bones, model.bones(what.params[result.frame]))]  # fmt: skip

@@ -11,8 +11,7 @@ from handtrack import Camera, HandtrackError, Silhouette
 from handtrack.arrays import Array
 from handtrack.observation.agreement import outline_errors_px, suspected
 from handtrack.observation.lens_maps import longest_runs
-from handtrack.observation.observation import UNKNOWN
-from handtrack.observation.undistortion import undistort_image, undistort_silhouette
+from handtrack.observation.observation import UNKNOWN, undistort_image, undistort_silhouette
 from tests.cameras import pinhole
 
 HAND = np.zeros((120, 160), bool)

@@ -22,7 +22,7 @@ from handtrack.terms.images.outline_edges import OutlineEdgesTerm, outline_point
 from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.loss import geman_mcclure, huber, quadratic
 from tests.cameras import pinhole
-from tests.experiments.scenes.textured_mesh import Pattern, textured_picture
+from tests.experiments.scenes.textured_mesh import Pattern, in_image, textured_picture
 from tests.terms.appearance_reference import edges_system, texture_system
 from tests.terms.image_scene import STEP_M, edges_seen, scene, texture_seen
 from tests.terms.silhouette_scene import (
@@ -104,7 +104,7 @@ def test_it_is_the_sum_that_numpy_makes_outline_edges(rng, from_unexplained):
 def edges(rng):
     """Return bones, and the edges in a picture of a plain part before a plain background."""
     bones, _, mesh, ((camera, _),) = scene(rng, cameras=1, parts=1)
-    face, _ = depth_picture(mesh, bones, camera).in_image()
+    face, _ = in_image(depth_picture(mesh, bones, camera))
     grey = np.where(face >= 0, 190, 50).astype(np.uint8)
     (seen,) = edges_seen(bones, mesh, [(camera, np.repeat(grey[..., None], 3, axis=2))], 8.0)
     return bones, seen
@@ -198,7 +198,7 @@ def test_the_depth_is_that_of_exact_rays(rng):
     bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
     camera = camera_of(rng, (200, 160), focal=330.0)
     picture = depth_picture(ellipsoid_mesh(flesh, 3), bones, camera)
-    face, depth = picture.in_image()
+    face, depth = in_image(picture)
     front, exact, _ = render(camera, flesh.posed(bones))
     both = (face >= 0) & (front >= 0)
     assert both.sum() > 1000

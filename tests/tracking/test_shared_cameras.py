@@ -8,6 +8,7 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.whole import recording_estimate
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
@@ -60,11 +61,11 @@ def _tracked(cameras):
 
     tracker, told = Tracker(HAND, TrackerSettings()), []
     live = list(track_frames(tracker, observe, 0, poses[0], range(FRAMES)))
-    control = Control(on_shared=told.append)
-    frames, left = (
-        refine(Recording(HAND, tracker.settings, observe, control, corrects_cameras=corrects), live)
-        for corrects in (True, False)
-    )
+    recording = Recording(HAND, tracker.settings, observe, Control(on_shared=told.append))
+    frames = refine(recording, live)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recording_estimate, "_MOVED_S", np.inf)
+        left = refine(recording, live)
     return frames, left, truth, Refinement.read(told[0])
 
 

@@ -32,8 +32,13 @@ from handtrack.geometry.camera import Camera, scaled_by
 from handtrack.geometry.lens import remap_source
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.geometry.source_lens import PinholeView, SourceLens
-from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
-from handtrack.observation.undistortion import undistort_image, undistort_silhouette
+from handtrack.observation.observation import (
+    ImageKeypoints,
+    ImageView,
+    Silhouette,
+    undistort_image,
+    undistort_silhouette,
+)
 from handtrack.parallel import LRUCache
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.session_file import CameraSettings, missing_counterpart

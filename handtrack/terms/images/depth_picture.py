@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import D2, Array, Floats, H, Ints, N, W, array_dataclass
+from handtrack.arrays import D2, Floats, H, Ints, N, W, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
@@ -31,15 +31,6 @@ class DepthPicture:
         face, depth = np.full(len(at), -1), np.full(len(at), np.inf)
         column, row = at[inside].T
         face[inside], depth[inside] = self.face[row, column], self.depth[row, column]
-        return face, depth
-
-    def in_image(self) -> tuple[Array[H, W], Floats[H, W]]:
-        """Return face and depth over the whole image."""
-        width, height = self.camera.size
-        face, depth = np.full((height, width), -1), np.full((height, width), np.inf)
-        (x, y), (h, w) = self.corner, self.depth.shape
-        face[y : y + h, x : x + w] = self.face
-        depth[y : y + h, x : x + w] = self.depth
         return face, depth
 
 

@@ -10,15 +10,13 @@ import numpy as np
 from handtrack.arrays import Floats, N, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.pins import ImagePins
-from handtrack.sampling.polish import PolishSettings, polish
+from handtrack.sampling.polish import polish
 from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.control import Watch
 from handtrack.tracking.frame.frame_terms import FrameTerms
 
-_POLISH = PolishSettings(iterations=30, gradient_tolerance=1e-3)
-_LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
 _WIDE_GAIN, LAST_GAIN = 0.5, 0.01
 """what a step must gain for another to follow. Costs are negative log-likelihoods: a stage that hands over a start ends by a step that moves
 no more than one standard deviation, ½; the last one by a seventh of it. Of three cameras' masks, clouds and stereo 0.6 to 0.8 of the
@@ -46,8 +44,6 @@ class Descended:
     iterations: int
     system: JointSystem
     """the problem's at params"""
-    search_due: bool = False
-    """a search would have been made, had it been allowed (`Control.searches`)"""
 
 
 def stage_problem(
@@ -116,7 +112,8 @@ def minima(
             seen,
             terms.priors,
             terms.wide().keypoints[0].loss,
-            settings=_LONG if is_far else _POLISH,
+            iterations=200 if is_far else 30,
+            tolerance=1e-3,
         )
         return Minima(found.params, found.cost, found.normal)
     if len(starts) > most:

@@ -7,7 +7,7 @@ whole one's place, as in the 2004 paper, section 3.5.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -55,17 +55,19 @@ def solve_frame(task: FrameTask) -> Solved:
         if is_poor:
             return doubted
         params = task.model.transform.solver_params(doubted.result.parameters)
-    found = _descended(task, terms, params)
+    found, search_due = _descended(task, terms, params)
     poor = poor_agreement(terms, found.params, POOR)
     if poor is not None:
         solved = solve_doubted(task, terms, params, poor)[0]
     else:
         solved = _refined(task, terms, found)
-    return replace(solved, search_due=found.search_due)
+    return replace(solved, search_due=search_due)
 
 
-def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> Descended:
-    """Return where descent leads from params (P,), and from lost fingers found, if any were."""
+def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> tuple[Descended, bool]:
+    """Return where descent leads from params (P,), and from lost fingers found, if any were; and whether they would have been looked
+    for, had it been allowed.
+    """
     settings, control, number = task.settings, task.control, task.observation.frame
     watch = control.watch(number)
     summary, problem, count = descend(
@@ -87,7 +89,7 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> Descended:
             )
             count += more
     due = bool(why) and not control.searches
-    return Descended(summary.params, problem, count, summary.system, due)
+    return Descended(summary.params, problem, count, summary.system), due
 
 
 def _refined(task: FrameTask, terms: FrameTerms, found: Descended) -> Solved:
@@ -156,9 +158,11 @@ def solve_doubted(
         start = model.transform.solver_params(last[0].parameters) if last else params
         solved, origin = solve_frame(_started(cautious, start)), "depths doubted"
     else:
-        few = simplified(model, last[0].parameters if last else model.joint_params(params), kind)
-        found = solve_frame(_started(_simpler(cautious, few), few.start)).result
-        solved, origin = Solved(_in_whole(model, found, few)), kind
+        joint = last[0].parameters if last else model.joint_params(params)
+        few, start, whole = simplified(model, joint, kind)
+        found = solve_frame(_started(_simpler(cautious, few, start, whole), start)).result
+        shown = whole(few.transform.solver_params(found.parameters))
+        solved, origin = Solved(_in_whole(model, found, shown)), kind
     pose = model.transform.solver_params(solved.result.parameters)
     least = GOOD if poor is None else POOR
     poor = poor or poor_agreement(terms, pose, least)
@@ -178,18 +182,20 @@ def solve_doubted(
     return replace(solved, result=replace(solved.result, status=status, reason=reason)), True
 
 
-def _simpler(task: FrameTask, few: Simplified) -> FrameTask:
+def _simpler(
+    task: FrameTask, few: ArticulatedModel, start: Floats[P], whole: Callable[[Floats], Floats]
+) -> FrameTask:
     """Return the frame as the simpler hand sees it; whoever looks on is shown the whole one."""
     shown, transform = task.control.on_iteration, task.model.transform
-    joint = few.model.joint_params(few.start)
+    joint = few.joint_params(start)
     previous = tuple(replace(result, parameters=joint) for result in task.previous)
 
     def watch(number: int, k: int, x: Floats, cost: float) -> None:
         if shown is not None:
-            shown(number, k, transform.solver_params(few.whole(x)), cost)
+            shown(number, k, transform.solver_params(whole(x)), cost)
 
     control = replace(task.control, on_iteration=watch)
-    return replace(task, model=few.model, previous=previous, control=control)
+    return replace(task, model=few, previous=previous, control=control)
 
 
 def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
@@ -209,19 +215,11 @@ def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
     return replace(settings, model=calm, cloud=cloud, tracker=follow)
 
 
-@dataclass(frozen=True)
-class Simplified:
-    """A simpler hand in the place of a whole one."""
-
-    model: ArticulatedModel
-    start: Floats[P]
-    """its solver parameters (P',) where the whole hand stands"""
-    whole: Callable[[Floats[P]], Floats[P]]
-    """its solver parameters → the whole hand's joint parameters (S,), fingers kept as they are"""
-
-
-def simplified(model: ArticulatedModel, joint: Floats[S], kind: str) -> Simplified:
-    """Return the simpler hand, `glove9` or `ball6`, that stands where the whole one stands with joint parameters.
+def simplified(
+    model: ArticulatedModel, joint: Floats[S], kind: str
+) -> tuple[ArticulatedModel, Floats[P], Callable[[Floats[P]], Floats[S]]]:
+    """Return the simpler hand, `glove9` or `ball6`, its solver parameters (P',) where the whole one stands with joint parameters,
+    and what turns its solver parameters into the whole hand's joint parameters, fingers kept as they are.
 
     It is as large as the person's, with the same parts; a simpler hand has no internal proportions.
     """
@@ -232,8 +230,7 @@ def simplified(model: ArticulatedModel, joint: Floats[S], kind: str) -> Simplifi
         held[:6] = few.joint_params(params)[:6]
         return held
 
-    start = carried_over(model, model.transform.solver_params(joint), few)
-    return Simplified(few, start, whole)
+    return few, carried_over(model, model.transform.solver_params(joint), few), whole
 
 
 def _started(task: FrameTask, params: Floats) -> FrameTask:
@@ -246,13 +243,12 @@ def _started(task: FrameTask, params: Floats) -> FrameTask:
     return replace(task, start=start, expected=expected)
 
 
-def _in_whole(model: ArticulatedModel, found: FrameResult, few: Simplified) -> FrameResult:
-    """Return what a simpler hand found as a result of the whole one.
+def _in_whole(model: ArticulatedModel, found: FrameResult, joint: Floats[S]) -> FrameResult:
+    """Return what a simpler hand found as a result of the whole one, which then has those joint parameters.
 
     Nothing is said of the fingers: their standard deviations are infinite, and their joints may be as far off as their
     limits let them.
     """
-    joint = few.whole(few.model.transform.solver_params(found.parameters))
     joint[3:6] = wrapped(joint[3:6])
     std = np.full(len(joint), np.inf)
     std[:6] = found.parameter_std[:6]

@@ -17,7 +17,7 @@ from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.chains import chains_of
 from handtrack.sampling.interpretation_tree import chain_flips
-from handtrack.sampling.polish import PolishSettings, polish
+from handtrack.sampling.polish import polish
 from handtrack.sampling.suppression import distinct
 from handtrack.terms.loss import geman_mcclure
 from handtrack.tracking.frame.control import Control
@@ -138,10 +138,9 @@ def polish_joints(
 ) -> list[Candidate]:
     """Descend by the compiled solver for joints, all starts at once."""
     model = objective.model
-    settings = PolishSettings(iterations=iterations, gradient_tolerance=1e-3)
     starts = np.array([c.params for c in candidates])
     priors, loss = pose_priors(model, points_rest(model)), geman_mcclure(_ROBUST_SIGMAS)
-    found = polish(model, starts, objective.seen, priors, loss, settings=settings)
+    found = polish(model, starts, objective.seen, priors, loss, None, iterations, 1e-3)
     return [
         replace(c, params=found.params[n], cost=float(found.cost[n]), normal=found.normal[n])
         for n, c in enumerate(candidates)

@@ -183,8 +183,7 @@ class ChosenFrames:
     problems: Sequence[Problem]
     person: PersonChange
     repeated: float = 1.0
-    usual: Motion | None = None
-    wide: bool = False
+    usual, wide = None, False
 
     @property
     def model(self) -> ArticulatedModel:

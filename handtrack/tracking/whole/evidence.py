@@ -65,8 +65,6 @@ class Recording:
     """likewise of tracked frames to which a person's pins led: they are refined by their pins"""
     who: OpenPerson | None = None
     """what is found of the person: the frames are this person's then"""
-    corrects_cameras: bool = True
-    """where two see the hand, what their calibration and their time are off by is found with the poses; the calibration stays as it is"""
 
 
 def frame_seconds(tracked: Sequence[FrameResult]) -> float:

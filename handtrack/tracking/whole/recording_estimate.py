@@ -202,7 +202,7 @@ def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     points = [one for seen, _ in samples for one in seen.keypoints]
     detected = any(isinstance(one, ImageKeypoints) for one in points)
     evidence = replace(evidence, wide=detected and evidence.model.kind == "hand")
-    timed = estimate.recording.corrects_cameras and estimate.duration_s >= NEW_POSE_S
+    timed = estimate.duration_s >= NEW_POSE_S
     cameras = CameraChanges.seen([one for one, _ in samples])
     cameras = cameras.finding(OUTLINE | TIME if timed else OUTLINE)
     return replace(estimate, evidence=evidence.sharing(evidence.shared.through(cameras)))
@@ -220,7 +220,7 @@ def descend(estimate: RecordingEstimate) -> RecordingEstimate | None:
 def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate with cameras corrected, where that explains more than as many numbers would of nothing."""
     found, control, numbers = estimate.solved, estimate.recording.control, estimate.frames
-    if not (estimate.recording.corrects_cameras and found.cameras.count) or estimate.duration_s < _MOVED_S:  # fmt: skip
+    if not found.cameras.count or estimate.duration_s < _MOVED_S:
         return estimate
     cameras = found.cameras.finding(ALL)
     evidence = estimate.evidence.sharing(found.shared.through(cameras))

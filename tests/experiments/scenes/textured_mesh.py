@@ -13,7 +13,7 @@ from handtrack.arrays import D3, Array, B, Floats, H, Ints, K, N, W
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.terms.images.carried_texture import texture_points
-from handtrack.terms.images.depth_picture import depth_picture
+from handtrack.terms.images.depth_picture import DepthPicture, depth_picture
 
 Paint = Callable[[Ints[N], Floats[N, D3]], Floats[N, D3]]
 """bone, place in its frame [m] → colour, 0 … 255"""
@@ -54,6 +54,14 @@ class Pattern:
         return self.base[bone] + np.einsum("nk,nkc->nc", np.sin(angle), self.swing[bone])
 
 
+def in_image(picture: DepthPicture) -> tuple[Array[H, W], Floats[H, W]]:
+    """Return face and depth over the whole image."""
+    width, height = picture.camera.size
+    column, row = np.meshgrid(np.arange(width), np.arange(height))
+    face, depth = picture.at(np.stack([column.ravel(), row.ravel()], axis=1).astype(float))
+    return face.reshape(height, width), depth.reshape(height, width)
+
+
 def textured_picture(
     camera: Camera, mesh: PartMesh, bones: BonePoses, paint: Paint, background: Array[H, W, D3]
 ) -> tuple[Array[H, W, D3], Array[H, W]]:
@@ -65,7 +73,7 @@ def textured_picture(
     picture = depth_picture(mesh, bones, fine)
     bone, local, pixel = texture_points(mesh, bones, picture, 1)
     column, row = np.rint(pixel).astype(int).T
-    face, _ = picture.in_image()
+    face, _ = in_image(picture)
     normal = mesh.carried(bones)[1][mesh.faces[face[row, column]]].mean(axis=1)
     light = np.clip(normal @ camera.rotation.T @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
     height, width = background.shape[:2]

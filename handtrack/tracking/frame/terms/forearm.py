@@ -78,7 +78,7 @@ def forearm_length(
     lengths, extents = [], []
     for silhouette in silhouettes:
         camera = silhouette.camera
-        covered, known, unsure = _mask_at(silhouette, points)
+        covered, known, unsure = silhouette.at(points)
         beside = known & ~_before(camera.centre, points, hand)
         out = ~(known & covered) & ~unsure  # where nobody knows, it may go on
         end = np.where(out.any(axis=1), out.argmax(axis=1), len(reach) - 1)
@@ -152,7 +152,7 @@ def forearm_cut(
     # seen along the arm, or behind the camera: there is no side to cut off
     if not long > _LEAST_PX or np.isnan(centre).any():
         return None
-    covered, known, _ = _mask_at(silhouette, points)
+    covered, known, _ = silhouette.at(points)
     out = known & ~covered & ~_before(camera.centre, points, hand)
     end = max(reach[out.argmax()] - _ROUND_M, 0.0) if out.any() else most_m
     at = camera.project(start.to_world(bone, (end if model.has_forearm else 0.0) * axis))
@@ -187,17 +187,6 @@ def _before(camera: Floats, points: Floats, hand: Ellipsoids) -> Array:
     along, long = np.einsum("...ei,ei->...e", way, start), np.einsum("...ei,...ei->...e", way, way)
     off = (start**2).sum(axis=-1) - along**2 / long
     return (off < 1.0).any(axis=-1)
-
-
-def _mask_at(silhouette: Silhouette, points: Floats) -> tuple[Array, Array, Array]:
-    """Return (...,) whether the mask covers points (..., 3), whether that is known there, or nobody knows of what was observed."""
-    pixel = np.rint(np.nan_to_num(silhouette.camera.project(points), nan=-1.0)).astype(int)
-    height, width = silhouette.mask.shape
-    row, column = np.clip(pixel[..., 1], 0, height - 1), np.clip(pixel[..., 0], 0, width - 1)
-    begin, end = np.moveaxis(silhouette.valid[row], -1, 0)
-    known = (pixel[..., 1] == row) & (begin <= pixel[..., 0]) & (pixel[..., 0] < end)
-    covered = silhouette.mask[row, column]
-    return covered > 0.5, known & (covered >= 0), known & (covered < 0)
 
 
 def _pixels_per_m(camera: Camera, points: Floats) -> Floats:
