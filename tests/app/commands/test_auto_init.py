@@ -23,14 +23,11 @@ def session(recorded, tmp_path):
 
 @pytest.fixture(autouse=True, scope="module")
 def searched_once():
-    """Each recording is searched once; it costs far more than all else here."""
-    found = {}
+    """The recording is searched once; it costs far more than all else here."""
+    found = []
 
-    def remembered(run, *given):
-        cameras = len(run.session.views)
-        if cameras not in found:
-            found[cameras] = find_first_poses(run, *given)
-        return found[cameras]
+    def remembered(*given):
+        return found or found.extend(find_first_poses(*given)) or found
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(track_options, "find_first_poses", remembered)
@@ -55,24 +52,7 @@ def test_a_recording_without_a_first_pose(handtrack, session, tmp_path):
     assert (read_npz(out).start_confidence or 0.0) > 0.85
 
 
-def test_a_start_that_is_not_sure_is_not_tracked_from_in_silence(handtrack, session, tmp_path):
-    """One camera cannot tell a large hand from a near one: such a start is a few per cent sure."""
-    text = (session / "session.toml").read_text().split("[[camera]]")
-    (session / "session.toml").write_text("[[camera]]".join(text[:2]))
-    out = tmp_path / "poses.npz"
-    asked = ("track", session, "--init", "auto", "--frames", "0:5", "--out", out)
-    refused = handtrack(*asked)
-    assert refused.code == 2
-    assert "--yes" in refused.err
-    assert not out.exists()
-    ended = handtrack.does(*asked, "--yes")
-    sure = read_npz(out).start_confidence
-    assert sure is not None
-    assert 0.0 < sure < 0.85
-    assert f"from a first pose that was {percent(sure)} sure" in ended.out
-
-
-def test_a_start_that_is_not_sure_is_taken_where_the_next_frames_confirm_it(
+def test_a_start_that_is_not_sure_is_taken_where_frames_confirm_it_or_its_user_says_so(
     handtrack, session, tmp_path, monkeypatch
 ):
     searched = track_options.find_first_poses
@@ -81,7 +61,14 @@ def test_a_start_that_is_not_sure_is_taken_where_the_next_frames_confirm_it(
         return [replace(one, confidence=0.5) for one in searched(*given)]
 
     monkeypatch.setattr(track_options, "find_first_poses", unsure)
-    asked = ("track", session, "--init", "auto", "--out", tmp_path / "poses.npz", "--frames")
-    assert handtrack(*asked, "0:4").code == 2, "too few to confirm it"
+    out = tmp_path / "poses.npz"
+    asked = ("track", session, "--init", "auto", "--out", out, "--frames")
+    refused = handtrack(*asked, "0:2")
+    assert refused.code == 2, "too few to confirm it"
+    assert "--yes" in refused.err
+    assert not out.exists()
+    ended = handtrack.does(*asked, "0:2", "--yes")
+    assert read_npz(out).start_confidence == 0.5
+    assert f"from a first pose that was {percent(0.5)} sure" in ended.out
     handtrack.does(*asked, "0:5")
-    assert (read_npz(tmp_path / "poses.npz").status == Status.TRACKED).all()
+    assert (read_npz(out).status == Status.TRACKED).all()
