@@ -77,9 +77,9 @@ def test_joints_of_one_camera_count_as_often_as_their_errors_are_new():
         replace(_evidence(poses, *cameras), new=0.2).of(0) for cameras in ((FRONT,), (FRONT, SIDE))
     )
     assert (one.share, two.share) == (0.2, 1.0)
-    system = one.linearize(poses[0], [], 0, _evidence(poses, FRONT).shared.person)
-    counted = system.whole.hessian[PLACE, PLACE].trace()
-    assert counted == pytest.approx(0.2 * system.seen[PLACE, PLACE].trace(), rel=1e-6)
+    whole, seen = one.linearize(poses[0], [], 0, _evidence(poses, FRONT).shared.person)
+    counted = whole.hessian[PLACE, PLACE].trace()
+    assert counted == pytest.approx(0.2 * seen[PLACE, PLACE].trace(), rel=1e-6)
 
 
 @pytest.mark.parametrize(("lasts", "least", "most"), [(0.0, 0.75, 1.0), (1.0, 0.05, 0.06)])
