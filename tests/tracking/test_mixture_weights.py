@@ -234,7 +234,9 @@ def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
         ImageKeypoints(first, HAND.joint_names[::-1], pixels[::-1], sigma),
     )
     seen = Observation(0, 0.0, keypoints=joints)
-    camera, places = MixtureObjective(HAND, settings(), (), seen).reference
+    reference = MixtureObjective(HAND, settings(), (), seen).reference
+    assert reference is not None
+    camera, places = reference
     assert camera is first
     assert_allclose(places, pixels)
 
