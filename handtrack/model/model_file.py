@@ -510,11 +510,17 @@ def _proportions(
     return Proportions(tuple(row["name"] for row in rows), moves, stretch, shift)
 
 
+@lru_cache(maxsize=1024)
+def _matching(key: str, bones: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the bones that a key stands for: a size is tried by building its model."""
+    return tuple(b for b, name in enumerate(bones) if fnmatchcase(name, key))
+
+
 def _of_bones(table: dict[str, Any], bones: tuple[str, ...]) -> list[tuple[int, Any]]:
     """Return the values of a table by the bones that its keys stand for. Raises HandtrackError for a key without any."""
     found = []
     for key, value in table.items():
-        own = [b for b, name in enumerate(bones) if fnmatchcase(name, key)]
+        own = _matching(key, bones)
         found += [(b, value) for b in own]
         if not own and key != "forearm":
             raise unknown_name("bone", key, bones, "a proportion")

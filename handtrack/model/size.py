@@ -3,55 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from handtrack.arrays import D3, B, Floats, Ints, J, K, N, Q, array_dataclass
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
+from handtrack.model.articulated import (
+    BODY_PARTS,
+    FINGERS,
+    ArticulatedModel,
+    HandScale,
+    keypoint_names,
+)
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.model.kinematics_kernels import growth_fields
-
-_MEASURED = 0.9  # of adults' standard deviation is left: a fifth of their variance is told
-
-
-@dataclass(frozen=True)
-class ShapeNumber:
-    """One number of a person's shape."""
-
-    name: str
-    """as a person's file has it: `overall`, a part, a proportion"""
-    group: str
-    value: float
-    """by which it differs from the mean adult's; of a part, beside the whole"""
-    std: float | None
-    """None where it was given"""
-    sigma: float
-    """standard deviation of adults"""
-    unit: str
-    """of all three: `%` or `mm`"""
-
-    @property
-    def label(self) -> str:
-        return "whole" if self.name == "overall" else self.name.replace("_", " ")
-
-    @property
-    def is_measured(self) -> bool:
-        """Whether it was measured: clearly better known than adults are alike."""
-        return self.std is not None and self.std < _MEASURED * self.sigma
-
-    @property
-    def words(self) -> str:
-        """Its value, and how sure that is."""
-        value = f"{self.value:+.1f}".replace("-", "−")
-        if self.std is None:
-            return f"{value} {self.unit}" if self.value else "as in the mean"
-        if not self.is_measured and abs(self.value) < (1.0 - _MEASURED) * self.sigma:
-            value = "mean"
-        return f"{value} ± {self.std:.1f} {self.unit}"
-
+from handtrack.model.shape import ShapeNumber
 
 _HAND_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
 POPULATION_SIGMA = 0.065
@@ -78,6 +46,7 @@ _PARTS = {
 FOREARM_END = "forearm_end"
 """the proportion that is a recording's, and no person's: where the arm ends that its masks show"""
 _WITHIN = (-4.0, 4.0)  # standard deviations that anybody may be from the mean, as in fits
+_ALONG = [0, 9, 10, 11, 12]  # of `keypoint_names`: from the wrist along the middle finger
 _GROUPS = {
     "flesh": ("flesh",),
     "forearm": ("forearm",),
@@ -92,8 +61,22 @@ def hand_length_mm(model: ArticulatedModel) -> float:
     """Return how far it is from the wrist along the middle finger to its tip; NaN for bodies and simpler hands."""
     if model.kind != "hand" or not model.has_keypoints21:
         return float("nan")
-    points = model.keypoints21(model.bones(model.params_from({})))[[0, 9, 10, 11, 12]]
+    points = model.keypoints21(model.bones(model.params_from({})))[_ALONG]
     return 1e3 * float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def hand_length_slope(size: SizeParameters, scale: HandScale) -> Floats[N]:
+    """Return by how much each deviation makes the hand of a person longer, see `hand_length_mm` [mm]."""
+    model = size.rescaled(size.deviations(scale))
+    bones = model.bones(model.params_from({}))
+    along = [model.joint_names.index(keypoint_names()[k]) for k in _ALONG]
+    places, own = model.joint_positions(bones)[along], model.joint_bone[along]
+    field = size.fields(bones, np.arange(len(size.names))).joints[own]
+    turn = field[:, 3:].reshape(len(along), 3, 3, -1)
+    velocity = field[:, :3] + np.einsum("kijn,kj->kin", turn, places - bones.reference)
+    way = np.diff(places, axis=0)
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    return 1e3 * np.einsum("ki,kin->n", way, np.diff(velocity, axis=0))
 
 
 def is_unmeasured(scale: HandScale) -> bool:

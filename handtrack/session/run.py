@@ -287,17 +287,16 @@ class TrackingRun:
         """Return the hands with all joints that may be in view: without and with a forearm, if that is left open."""
         chosen = _asked_forearm(self.session, self.settings)
         arms = (False, True) if chosen == "auto" else (chosen == "true",)
-        if self.model.kind != "hand" or self.model.has_keypoints21:
-            return [
-                _model(self.session, self.settings, self.scale, np.inf if a else 0.0) for a in arms
-            ]
-        side, scale = self.model.side, self.model.scale
-        return [load_model("hand26", side, scale, forearm=arm) for arm in arms]
+        return [self._whole_hand(self.model.scale, arm) for arm in arms]
 
     def resized(self, model: ArticulatedModel, scale: HandScale) -> ArticulatedModel:
         """Return one of `whole_hands` in another size."""
-        hands = self.with_scale(scale).whole_hands()
-        return next(hand for hand in hands if hand.has_forearm == model.has_forearm)
+        return self._whole_hand(scale, model.has_forearm)
+
+    def _whole_hand(self, scale: HandScale, arm: bool) -> ArticulatedModel:
+        if self.model.kind != "hand" or self.model.has_keypoints21:
+            return _model(self.session, self.settings, scale, np.inf if arm else 0.0)
+        return load_model("hand26", self.model.side, scale, forearm=arm)
 
     def uncropped_observation(self, frame: int) -> Observation:
         """Return what was observed of a frame anywhere, as far as the settings use it; nothing that was given."""

@@ -11,8 +11,15 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ShapeCovariance
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.model_file import read_scale, scale_from, scale_table, write_scale
-from handtrack.model.size import SizeParameters, shape_numbers, with_number
+from handtrack.model.size import (
+    SizeParameters,
+    hand_length_mm,
+    hand_length_slope,
+    shape_numbers,
+    with_number,
+)
 from handtrack.model.surfaces.metaballs import MetaballSurface
+from tests.derivatives import check_gradient
 
 FITTED = HandScale(
     1.05, {"thumb": 0.97}, {"palm_breadth": 0.4, "thumb_base_along": -1.0}, {"index_tip": (0.1, -2.0, 0.5)},
@@ -163,6 +170,13 @@ def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
         assert_allclose(moved, (here[0] - there[0]) / (2 * step), atol=1e-8, err_msg=name)
         stretched = on @ shape + shape @ on.swapaxes(1, 2)
         assert_allclose(stretched, (here[1] - there[1]) / (2 * step), atol=1e-9, err_msg=name)  # fmt: skip
+
+
+def test_each_deviation_makes_a_hand_longer_as_its_slope_says(rng):
+    hand = SizeParameters(load_model(scale=HAND), ("wrist",))
+    there = 0.5 * rng.normal(size=len(hand.names))
+    slope = hand_length_slope(hand, hand.scale(there))
+    check_gradient(lambda d: hand_length_mm(hand.rescaled(d)), slope, there, hand.names, 1e-4)
 
 
 def test_an_ellipsoid_aslant_of_its_bone_is_stretched_as_its_surface_is(rng):

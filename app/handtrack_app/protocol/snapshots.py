@@ -13,7 +13,7 @@ from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.diagnostics.review import ReviewInterval
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
-from handtrack.model.size import ShapeNumber
+from handtrack.model.shape import ShapeNumber
 from handtrack.store.spans import Span
 from handtrack_app.log import ENGINE_LOG
 

@@ -379,15 +379,17 @@ def rigid_hands(
     if not len(places):
         return []
     typical = [shape for shape in shapes if shape.is_typical]
-    rough = np.stack([source.scores(s, few, places, _HOPELESS) for s in typical])
+    rough = np.stack(in_parallel(lambda s: source.scores(s, few, places, _HOPELESS), typical))
     places = places[np.argsort(rough.min(axis=(0, 1)), kind="stable")[:_KEPT_PLACES]]
     rotations = spread_rotations(_ROTATIONS)
     enough = _PROMISING * float(rough.min())
-    scores = np.ones((len(shapes), len(rotations), len(places)))
-    for i, shape in enumerate(shapes):
-        if should_stop():
-            return []
-        scores[i] = source.scores(shape, rotations, places, enough)
+    scored = in_parallel(
+        lambda s: None if should_stop() else source.scores(s, rotations, places, enough), shapes
+    )
+    finished = [one for one in scored if one is not None]
+    if len(finished) < len(shapes):
+        return []
+    scores = np.stack(finished)
     order = np.argsort(scores, axis=None, kind="stable")[:_LOOKED_AT]
     s, r, p = np.unravel_index(order, scores.shape)
     posture = np.array([shape.posture for shape in shapes])[s]

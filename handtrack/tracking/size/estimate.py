@@ -137,7 +137,7 @@ class WholeEstimate:
         """What each pose changes a frame."""
         return velocities(self.poses)
 
-    @property
+    @cached_property
     def scale(self) -> HandScale | None:
         """The person, where something of them was found."""
         first = self.cameras.count
@@ -222,7 +222,12 @@ class _Swept:
 
     def cost(self, motion: Motion | None) -> float:
         moves = 0.0 if motion is None else motion.cost(self.poses)
-        return float(self.costs.sum()) + moves + self.shared.known(self.alike).cost
+        return float(self.costs.sum()) + moves + self.known.cost
+
+    @cached_property
+    def known(self) -> JointSystem:
+        """What is known beforehand of what they share."""
+        return self.shared.known(self.alike)
 
 
 def estimate_whole(
@@ -433,7 +438,7 @@ def _system(
     alike = swept.alike if stated else np.ones_like(swept.alike)
     counted = systems.share[:, None, None] if stated else 1.0
     border = systems.border * free[:, :, None] * np.sqrt(new / counted / alike)
-    known = swept.shared.known(swept.alike / alike)
+    known = swept.shared.known(np.ones_like(alike)) if stated else swept.known
     corner = systems.corner / np.mean(counted) / np.sqrt(np.outer(alike, alike)) + known.hessian
     corner += shared_damping * np.diag(np.diag(corner))
     pull = systems.gradient[:, size:].sum(axis=0) + known.gradient

@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, K, N, array_dataclass
 from handtrack.model.articulated import ArticulatedModel, HandScale, ShapeCovariance
-from handtrack.model.size import FOREARM_END, SizeParameters, hand_length_mm
+from handtrack.model.size import FOREARM_END, SizeParameters, hand_length_slope
 from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
 from handtrack.terms.bone_system import JointSystem
 
@@ -42,7 +42,6 @@ def _apart(views: Sequence[Silhouette | ImageKeypoints], place: Floats[D3]) -> b
     return least < np.cos(_ANGLE)
 
 
-_STEP = 1e-3  # of a deviation: the length is as good as linear in it
 _MM = 1e3
 
 
@@ -66,16 +65,12 @@ def with_uncertainty(size: SizeParameters, scale: HandScale, covariance: Floats[
     units, count = _units(size), len(size.names) - size.offset_count
     std = np.sqrt(np.diag(covariance)) * units
     known = dict(zip(size.names[:count], std[:count].tolist(), strict=True))
-    at, slope = size.deviations(scale), np.zeros(len(size.names))
-    for k in range(count):
-        step = np.zeros(len(slope))
-        step[k] = _STEP
-        ahead, behind = (hand_length_mm(size.rescaled(at + s)) for s in (step, -step))
-        slope[k] = (ahead - behind) / (2 * _STEP)
-    length = float(np.sqrt(slope @ covariance @ slope))
+    if size.model.kind == "hand" and size.model.has_keypoints21:
+        slope = hand_length_slope(size, scale)
+        known = {"length_mm": float(np.sqrt(slope @ covariance @ slope))} | known
     return replace(
         scale,
-        std=known if np.isnan(length) else {"length_mm": length} | known,
+        std=known,
         covariance=ShapeCovariance.of(size.names, covariance * np.outer(units, units)),
     )
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import viser
 
-from handtrack.model.size import ShapeNumber
+from handtrack.model.shape import ShapeNumber
 from handtrack.setting import Setting
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import SETTINGS
