@@ -65,7 +65,6 @@ def jump_polish_1024() -> dict[str, Any]:
             f"{len(scene.seen.names)} image joints, priors, no collisions"
         ),
         "ours_converged": float(ours.is_minimum.mean()),
-        "ours_iterations_median": float(np.median(ours.iterations)),
         "ours_lower_or_same": float((ours.cost[:SUBSET] <= costs + _SAME).mean()),
         "same_minimum": float((np.abs(ours.cost[:SUBSET] - costs) <= _SAME).mean()),
         "scipy_trf_ms": bounded,

@@ -63,7 +63,7 @@ def small_recording(
         kept.mkdir(parents=True)
         for file in sorted(masks.iterdir())[:frames]:
             halved = cv2.resize(cv2.imread(str(file), 0), SIZE, interpolation=cv2.INTER_AREA)
-            cv2.imwrite(str(kept / file.name), 255 * (halved > 127))
+            cv2.imwrite(str(kept / file.name), np.where(halved > 127, np.uint8(255), np.uint8(0)))
     rig = (camera.scaled(SIZE) for camera in read_rig(source / "calibration.toml"))
     write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
     shutil.copyfile(source / "init.json", folder / "init.json")

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from handtrack import ArticulatedModel, Camera, HandScale, Observation, Silhouette, load_model
@@ -70,10 +71,7 @@ def _posed(hand: ArticulatedModel, gesture: str, rng: np.random.Generator) -> Fl
     joint = named_pose(hand, gesture)
     joint[6:] += _BENT * rng.normal(size=len(joint) - 6)
     joint[6:] = np.clip(joint[6:], *hand.limits.bounds(joint)[6:].T)
-    way = rng.normal(size=4)
-    real, *rest = way / np.linalg.norm(way)
-    axis, size = np.array(rest), float(np.linalg.norm(rest))
-    joint[3:6] = 2.0 * np.arctan2(size, abs(real)) * np.sign(real) * axis / size
+    joint[3:6] = Rotation.from_quat(rng.normal(size=4), scalar_first=True).as_rotvec()
     params = hand.clipped(hand.clipped(hand.transform.solver_params(joint)))
     middle = hand.keypoints21(hand.bones(params)).mean(axis=0)
     params[:3] += rng.uniform(-0.04, 0.04, 3) - middle

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -54,12 +54,11 @@ class Pattern:
         return self.base[bone] + np.einsum("nk,nkc->nc", np.sin(angle), self.swing[bone])
 
 
-def in_image(picture: DepthPicture) -> tuple[Array[H, W], Floats[H, W]]:
+def in_image(picture: DepthPicture) -> tuple[Ints[H, W], Floats[H, W]]:
     """Return face and depth over the whole image."""
-    width, height = picture.camera.size
-    column, row = np.meshgrid(np.arange(width), np.arange(height))
-    face, depth = picture.at(np.stack([column.ravel(), row.ravel()], axis=1).astype(float))
-    return face.reshape(height, width), depth.reshape(height, width)
+    row, column = np.indices(picture.camera.size[::-1])
+    face, depth = picture.at(np.stack([column.ravel(), row.ravel()], axis=1))
+    return face.reshape(row.shape), depth.reshape(row.shape)
 
 
 def textured_picture(
@@ -69,19 +68,18 @@ def textured_picture(
 
     Lit from the upper left. Four samples a pixel; no lens distortion.
     """
-    fine = _finer(camera)
+    fine = camera.scaled((_FINER * camera.size[0], _FINER * camera.size[1]))
     picture = depth_picture(mesh, bones, fine)
     bone, local, pixel = texture_points(mesh, bones, picture, 1)
     column, row = np.rint(pixel).astype(int).T
     face, _ = in_image(picture)
     normal = mesh.carried(bones)[1][mesh.faces[face[row, column]]].mean(axis=1)
     light = np.clip(normal @ camera.rotation.T @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
-    height, width = background.shape[:2]
     image = cv2.resize(background, fine.size, interpolation=cv2.INTER_LINEAR).astype(np.float32)
     image[row, column] = paint(bone, local) * (_AMBIENT + (1 - _AMBIENT) * light)[:, None]
     covered = (face >= 0).astype(np.float32)
-    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-    share = cv2.resize(covered, (width, height), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(image, camera.size, interpolation=cv2.INTER_AREA)
+    share = cv2.resize(covered, camera.size, interpolation=cv2.INTER_AREA)
     return np.clip(np.rint(small), 0, 255).astype(np.uint8), share
 
 
@@ -98,13 +96,3 @@ def cluttered_background(size: tuple[int, int], rng: np.random.Generator) -> Arr
         noise = cv2.GaussianBlur(rng.normal(size=(height, width, 3)), (0, 0), spot)
         image += 14.0 * noise / noise.std()
     return np.clip(cv2.GaussianBlur(image, (0, 0), 0.8), 0, 255).astype(np.uint8)
-
-
-def _finer(camera: Camera) -> Camera:
-    """Return the camera with _FINER² as many pixels."""
-    matrix = camera.matrix.copy()
-    matrix[:2] *= _FINER
-    # the first fine pixel's centre lies outwards of the first coarse one's
-    matrix[:2, 2] += (_FINER - 1) / 2.0
-    width, height = camera.size
-    return replace(camera, matrix=matrix, size=(_FINER * width, _FINER * height))

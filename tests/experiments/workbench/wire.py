@@ -86,10 +86,6 @@ class WireClient:
             "request_uuid": question["request_uuid"],
         })  # fmt: skip
 
-    def send_raw(self, data: bytes | str) -> None:
-        """Send what may be no message at all."""
-        self._socket.send(data)
-
     def send_packed(self, frames: bytes) -> None:
         """Send frames of the websocket's protocol, packed already."""
         self._socket.socket.sendall(frames)
