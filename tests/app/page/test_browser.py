@@ -375,6 +375,7 @@ def _keeps_its_style_whatever_is_folded(bench, view):
     eventually(lambda: not rail.is_visible(), "folded")
     assert looks() == before
     room.fold(client, folded=False)
+    eventually(rail.is_visible, "shown again")
 
 
 def _panel_hides_nothing_of_a_narrow_and_low_scene(view):
