@@ -163,6 +163,7 @@ def test_a_user_s_way_through_the_page(tmp_path, monkeypatch):
         _tracking_is_cancelled(bench, view)
         _has_names_for_a_screen_reader(bench, view)
         _keeps_its_style_whatever_is_folded(bench, view)
+        _picture_and_model_are_drawn_as_one_however_large(bench, view)
         _shows_what_matters_whole_until_it_is_put_away(bench, view)
         view.page.set_viewport_size({"width": 853, "height": 533})  # at 150 %
         _panel_hides_nothing_of_a_narrow_and_low_scene(view)
@@ -456,17 +457,12 @@ def hand_in_page(bench, view):
     return places.min(axis=0), places.max(axis=0)
 
 
-@pytest.mark.browser
-def test_picture_and_model_are_drawn_as_one_however_large(tmp_path):
-    bench = in_threads(tmp_path, opener=fake_document)
-    with browsing(bench, size=(1280, 800)) as view:
-        _are_drawn_as_one_however_large(bench, view)
-
-
-def _are_drawn_as_one_however_large(bench, view):
+def _picture_and_model_are_drawn_as_one_however_large(bench, view):
     (client,) = bench.server.get_clients().values()
     looking, scene = bench.stage.looking, bench.server.scene
     looking.set_paint(client.client_id, "plain")
+    view.page.keyboard.press("0")
+    eventually(lambda: looking.views.of(client.client_id) is None, "it looks freely")
     view.page.keyboard.press("1")
     looks = eventually(lambda: looking.views.of(client.client_id), "it looks")
     eventually(lambda: "/screen" in str(view.page.evaluate(NODES)), "its picture")
