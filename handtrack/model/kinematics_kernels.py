@@ -115,7 +115,7 @@ def screws(tree, root_jacobian, axis_world, position, out):  # pragma: no cover 
         out[s, s] = 1.0
         for i in range(3):
             out[3 + s, 3 + i] = root_jacobian[i, s]
-    hinge_bone = tree[3]
+    _, _, _, hinge_bone, _ = tree
     for h in range(hinge_bone.shape[0]):
         b = hinge_bone[h]
         w0, w1, w2 = axis_world[h, 0], axis_world[h, 1], axis_world[h, 2]
@@ -149,7 +149,8 @@ def twist_columns(tree, screw, out):  # pragma: no cover - compiled
 @compiled
 def pose(tree, params):  # pragma: no cover - compiled
     """Return rotation (B, 3, 3), position (B, 3), the hinges' world axes and the root's left Jacobian, for params (S,)."""
-    bones, hinges = tree[0].shape[0], tree[3].shape[0]
+    parent, _, _, hinge_bone, _ = tree
+    bones, hinges = parent.shape[0], hinge_bone.shape[0]
     rotation, position = np.empty((bones, 3, 3)), np.empty((bones, 3))
     axes, root = np.empty((hinges, 3)), np.empty((5, 3, 3))
     turn_root(params[3:6], root[0], root[1], root[2:])

@@ -64,8 +64,8 @@ def run(args: argparse.Namespace) -> int:
         args.motion = motion if args.motion is None else args.motion
         args.frames = _FRAMES if args.frames is None else args.frames
     else:
-        raw = read_given(args, file)
-        args.model = model_of(args, raw[0].names, file)
+        raw = theirs, _, _ = read_given(args, file)
+        args.model = model_of(args, theirs.names, file)
         distance_m = _usual(args.model)[1]
     args.distance = distance_m if args.distance is None else args.distance
     _check(args, file is None)
@@ -162,15 +162,15 @@ def retarget(args: argparse.Namespace) -> int:
         output_file(args.out, (".npz",), "poses are")
     else:
         check_new(args.out)
-    raw = read_given(args, args.file)
-    name = model_of(args, raw[0].names, args.file)
+    raw = theirs, _, _ = read_given(args, args.file)
+    name = model_of(args, theirs.names, args.file)
     if "/" in name or name.endswith(".toml"):
         raise HandtrackError(
             f"--model {name}: expected the name of a model, such as body34 or hand26."
         )
     clip, unit_m = clip_of(args, raw, load_model(name, side=args.side), args.file)
     motion = fitted(
-        name, args.side, clip, args.scale, lambda model: own_params(model, raw[0], unit_m)
+        name, args.side, clip, args.scale, lambda model: own_params(model, theirs, unit_m)
     )
     if is_file:
         write_npz(args.out, result_of(motion, args.file.name))

@@ -40,7 +40,8 @@ def check_joints(session: Session) -> Iterator[Finding]:
     names, seen = _seen_joints(session)
     if len(seen) < 2 or (found := _match(seen)) is None:
         return
-    if found[0] > _MOST_OFF:
+    off, _, points = found
+    if off > _MOST_OFF:
         yield warning(
             f"joints seen by cameras {_listed(seen)} do not meet in space by this calibration: they miss each other by {_words(found)}. "
             + (_what_would_fit(seen, found) or _NOTHING_FITS)
@@ -52,7 +53,7 @@ def check_joints(session: Session) -> Iterator[Finding]:
     else:
         odd = list(map(warning, _fingers_elsewhere(names, seen)))
         yield from odd or [ok(f"joints of {len(seen)} cameras meet in space to {_words(found)}.")]
-    yield from _check_size(session, names, found[2].reshape(len(seen[0][1]), len(names), 3))
+    yield from _check_size(session, names, _by_frame(points, names))
 
 
 _NOTHING_FITS = "Was a camera moved, does a matrix belong to another image size, or do frames of equal number show different moments?"
@@ -130,6 +131,10 @@ def _match(seen: Sequence[_Seen], rows: Sequence[int] | None = None) -> _Match |
     return float(np.median(worst)), float(np.median(px)), points
 
 
+def _by_frame(points: Floats[N, D3], names: Sequence[str]) -> Floats[T, J, D3]:
+    return points.reshape(-1, len(names), 3)
+
+
 def _extent(pixels: Floats[T, J, D2]) -> float:
     """Return how large the hand is in a camera's images [px], the median over frames."""
     some = pixels[np.isfinite(pixels).any(axis=(1, 2))]
@@ -205,8 +210,7 @@ def joint_lines(session: Session) -> list[Floats[N, D3]]:
     hand = keypoint_names()
     if len(seen) < 2 or not set(hand) <= set(names) or (found := _match(seen)) is None:
         return []
-    xyz = found[2].reshape(len(seen[0][1]), len(names), 3)
-    xyz = xyz[:, indices(names, hand)]
+    xyz = _by_frame(found[2], names)[:, indices(names, hand)]
     best = xyz[int(np.argmax(np.isfinite(xyz).all(axis=2).sum(axis=1)))]
     rows = [best[[0, *range(k, k + 4)]] for k in range(1, 21, 4)]
     return [row[np.isfinite(row).all(axis=1)] for row in rows if np.isfinite(row).all(axis=1).any()]

@@ -88,7 +88,7 @@ class FieldTerm(ObservationTerm):
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         cost, frames, gathered = 0.0, tuple(bones.frames), tuple(sums)
         rescaled = self.ellipsoids.rescaled(bones)
-        radii = rescaled.arrays[3]
+        *_, radii = rescaled.arrays
         for (flesh, *view, energy), seen in zip(self._views, self.silhouettes, strict=True):
             if rescaled is not self.ellipsoids:
                 flesh = rescaled.thicker(seen.wider_m).arrays
