@@ -59,9 +59,9 @@ def posed_frames(
 
 def _sized(run: TrackingRun, state: SessionState) -> TrackingRun:
     """Return the run with the size and forearm that were found or set in the workbench; one still to be fitted does not count."""
-    size, arm = state.size, state.forearm
-    if arm is not None and arm != run.arm:
-        run = run.with_forearm(np.inf if arm is True else arm)
+    size, arm_m = state.size, state.forearm
+    if arm_m is not None and arm_m != run.arm_m:
+        run = run.with_forearm(arm_m)
     return run if size is None or size.pending else run.with_scale(size.scale)
 
 

@@ -70,10 +70,9 @@ class TrackingRun:
     """where tracking starts: of init.json unless another is given"""
     settings: TrackerSettings
     scale: HandScale
-    forearm: bool
+    arm_m: float
+    """how far from the wrist the model's forearm ends, as a cuff does [m of the mean adult's]; infinite where it goes on, 0 without one"""
     model: ArticulatedModel
-    arm_m: float = np.inf
-    """how far from the wrist the forearm ends, if it has one, as a cuff does [m of the mean adult's]; infinite where it goes on"""
     prior_person: HandScale | None = None
     """what a person's file says beforehand of a hand that is fitted"""
     is_sized: bool = False
@@ -103,7 +102,7 @@ class TrackingRun:
         arm_m = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, arm_m)
         known = session.prior_person and _of_this_recording(session, settings, session.prior_person)
-        run = cls(session, first, settings, scale, arm_m > 0, model, arm_m or np.inf, known)
+        run = cls(session, first, settings, scale, arm_m, model, known)
         if run.sizes_first and settings.model.fit_size == "true" and first is not None:
             return run.fit_size(should_stop)
         return run
@@ -183,12 +182,12 @@ class TrackingRun:
         """
         posed = sorted((r for r in tracked if r.status != Status.LOST), key=lambda r: r.frame)
         done = [r for r in posed if r.status == Status.TRACKED] or posed
-        if not self._leaves_forearm_open or not done or self.model.kind == "body":
+        if not self.leaves_forearm_open or not done or self.model.kind == "body":
             return self
         spread = evenly_spread(len(done), _ARM_LOOKS)
         solver = self.model.transform.solver_params
         posed = ((solver(done[i].parameters), self.observation_of(done[i])) for i in spread)
-        arm_m, before = forearm_in_view(self.model, posed), self.arm_m if self.forearm else 0.0
+        arm_m, before = forearm_in_view(self.model, posed), self.arm_m
         if 0 < before < np.inf:
             at = self.model.skeleton.bone("forearm")
             before = self.model.skeleton.length[at] / self.scale.factor("forearm")
@@ -198,8 +197,7 @@ class TrackingRun:
             or (abs(arm_m - before) < _ARM_ERROR_M and min(arm_m, before) > 0)
         ):
             return self
-        found = replace(self, arm_m=np.inf).with_scale(without_forearm_end(self.scale))
-        return found.with_forearm(arm_m if 0 < arm_m < np.inf else arm_m > 0)
+        return replace(self, arm_m=arm_m).with_scale(without_forearm_end(self.scale))
 
     def joint_params_from(self, other: TrackingRun, joint_params: Floats[S]) -> Floats[S]:
         """Return joint parameters of another run, whose forearm may be another, as those of this run's model."""
@@ -215,11 +213,9 @@ class TrackingRun:
         """Return the run with dotted settings replaced; the hand's size stays as it is."""
         settings = self.settings.with_values(overrides)
         wanted = settings.model.forearm
-        forearm = self.forearm if wanted == "auto" else wanted == "true"
+        arm_m = self.arm_m if wanted == "auto" else np.inf if wanted == "true" else 0.0
         session = self.session.as_tracked_by(settings)
-        arm_m = np.inf if wanted == "true" else self.arm_m
-        run = replace(self, session=session, settings=settings, forearm=forearm, arm_m=arm_m)
-        return run.with_scale(self.scale)
+        return replace(self, session=session, settings=settings).with_forearm(arm_m)
 
     def with_clouds(self, clouds: CloudSettings | None) -> TrackingRun:
         """Return the run with other settings of [clouds]. Raises HandtrackError when they cannot be used."""
@@ -234,8 +230,8 @@ class TrackingRun:
 
     def with_scale(self, scale: HandScale) -> TrackingRun:
         """Return the run for a hand of another size."""
-        arm_m = self.arm_m if self.forearm else 0.0
-        return replace(self, scale=scale, model=_model(self.session, self.settings, scale, arm_m))
+        model = _model(self.session, self.settings, scale, self.arm_m)
+        return replace(self, scale=scale, model=model)
 
     def with_limits_of(self, other: TrackingRun) -> TrackingRun:
         """Return the run whose joints have the limits that they have in another run."""
@@ -254,25 +250,25 @@ class TrackingRun:
         """Return the run with a forearm in its model, if that is left to the program and the silhouettes of a
         frame show one beyond the hand's pose; without a first pose nothing else can tell.
         """
-        if self.forearm or not self._leaves_forearm_open or self.model.kind == "body":
+        if self.forearm or not self.leaves_forearm_open or self.model.kind == "body":
             return self
         seen = _seen(self.session, self.settings, frame)
         arm_m = forearm_in_view(self.model, [(params, seen)])
         return self.with_forearm(arm_m) if arm_m else self
 
     @property
-    def _leaves_forearm_open(self) -> bool:
-        return _asked_forearm(self.session, self.settings) == "auto"
-
-    def with_forearm(self, on: bool | float) -> TrackingRun:
-        """Return the run with or without a forearm in its model, where that is left to the program; a length: one that ends there."""
-        arm_m = self.arm_m if isinstance(on, bool) else on
-        return replace(self, forearm=on > 0, arm_m=arm_m).with_scale(self.scale)
+    def forearm(self) -> bool:
+        """Whether its model has one."""
+        return bool(self.arm_m > 0)
 
     @property
-    def arm(self) -> bool | float:
-        """Whether its model has a forearm; the length of one that ends as a cuff does [m of the mean adult's]."""
-        return self.arm_m if self.forearm and self.arm_m < np.inf else self.forearm
+    def leaves_forearm_open(self) -> bool:
+        """Whether neither settings nor session.toml say if the model has a forearm."""
+        return _asked_forearm(self.session, self.settings) == "auto"
+
+    def with_forearm(self, arm_m: float) -> TrackingRun:
+        """Return the run whose model has another forearm; see `arm_m`."""
+        return replace(self, arm_m=arm_m).with_scale(self.scale)
 
     def with_parameters(self, names: Sequence[str]) -> TrackingRun:
         """Return the run whose model has these joint parameters, as a take was tracked with, where a forearm makes the
@@ -280,7 +276,7 @@ class TrackingRun:
         """
         if self.model.parameter_names == tuple(names) or self.model.kind == "body":
             return self
-        other = self.with_forearm(not self.forearm)
+        other = self.with_forearm(0.0 if self.forearm else np.inf)
         return other if other.model.parameter_names == tuple(names) else self
 
     def whole_hands(self) -> list[ArticulatedModel]:

@@ -8,6 +8,7 @@ session's files have it.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import astuple, dataclass, field, fields, replace
 from typing import Any, get_args, get_origin, get_type_hints
@@ -118,6 +119,15 @@ def _own_form(default: Any, of: Callable[[Any], Any], write: Callable[[Any], Val
     return field(default=default, metadata={"read": of, "write": write})
 
 
+def _arm_read(said: bool | float) -> float:
+    return math.inf if said is True else float(said)
+
+
+def _arm_written(arm_m: float) -> bool | float:
+    """Return whether there is a forearm, or where it ends: JSON has no infinity."""
+    return arm_m if 0 < arm_m < math.inf else arm_m > 0
+
+
 Frames = tuple[tuple[int, int], ...]
 """a mark: the frames that have it, half-open"""
 Key = tuple[str, Any]
@@ -142,8 +152,8 @@ class SessionState:
     pins: Mapping[int, FramePins] = field(default_factory=dict)
     size: DecidedSize | None = _own_form(None, DecidedSize.of, lambda size: size.table)
     clouds: CloudTable | None = None
-    forearm: bool | float | None = None
-    """whether the model has one, or its length [m]"""
+    forearm: float | None = _own_form(None, _arm_read, _arm_written)
+    """`TrackingRun.arm_m`"""
     start: StartPose | None = None
     accepted: Frames = ()
     """frames that a person accepted: no tracking changes what shows there"""

@@ -89,7 +89,7 @@ def test_all_frames_say_whether_there_is_an_arm(tmp_path, arm):
 
 def test_a_cuff_is_modelled_as_long_as_masks_show_it_and_found_again(run):
     """In another size it grows with the hand; a result is built again with it; a forearm asked for is a whole one."""
-    cuffed = replace(run, arm_m=0.04).with_forearm(True)
+    cuffed = run.with_forearm(0.04)
     length = {}
     for one in (cuffed, cuffed.with_scale(HandScale(1.1)), cuffed.with_values({"tracker.seed": 1})):
         length[one.scale.overall] = one.model.skeleton.length[one.model.skeleton.bone("forearm")]
@@ -97,7 +97,7 @@ def test_a_cuff_is_modelled_as_long_as_masks_show_it_and_found_again(run):
     result = next(iter(cuffed.track(range(1), *cuffed.initial())))
     again = model_of(cuffed.result([result]))
     assert_allclose(again.flesh["fine"].radii, cuffed.model.flesh["fine"].radii)
-    arm = run.with_forearm(True).model
+    arm = run.with_forearm(np.inf).model
     asked = cuffed.with_values({"model.forearm": "true"}).model
     assert_array_equal(asked.flesh["fine"].radii, arm.flesh["fine"].radii)
 

@@ -342,7 +342,7 @@ def _size_words(event: SizeFitted, before: TrackingRun | None) -> str:
         return f"the {run.model.kind} is {run.scale.overall:.3f} times a mean adult's."
     if run is before:
         return f"note: no frame measures the {run.model.kind}'s size well enough; it is unchanged."
-    if run.arm != before.arm:
+    if run.arm_m != before.arm_m:
         end = "" if np.isinf(run.arm_m) else f" that ends {100 * run.arm_m:.0f} cm from the wrist"
         shown = f"a forearm{end}" if run.forearm else "no forearm"
         return f"masks of all frames show {shown}, not what those of the first did; tracking again from the first pose …"

@@ -438,7 +438,7 @@ class Document:
         self.own_settings = dict(run.settings.flat())
         """as session.toml has them"""
         self._own_size = DecidedSize(run.scale, size_pending)
-        self._own_arm = run.arm
+        self._own_arm_m = run.arm_m
         self._own_start = (self.first_frame, self.start)
         self.frame = self.first_frame
         self.shown = self.start.copy()
@@ -454,7 +454,7 @@ class Document:
         self._read: tuple[SessionFile, dict[str, str]] | None = None
         self.offered_scale: HandScale | None = None
         """the size that was fitted after tracking, and is not taken yet"""
-        self.offered_arm = run.arm
+        self.offered_arm_m = run.arm_m
         """with `offered_scale`"""
 
     @property
@@ -472,12 +472,6 @@ class Document:
         if self._read is None or self._read[0] is not file:
             self._read = file, files_read(self.run.session)
         return self._read[1]
-
-    @property
-    def leaves_forearm_open(self) -> bool:
-        """Whether neither settings nor session.toml say if the model has a forearm."""
-        asked = self.run.settings.model.forearm, self.run.session.file.hand.forearm
-        return asked == ("auto", "auto")
 
     # ---- what was decided
 
@@ -499,7 +493,7 @@ class Document:
             pins = session.pins.of(entry)
             return FramePins(pins) if pins else None
         if kind == "forearm":
-            return self.run.arm
+            return self.run.arm_m
         if kind == "correction" and known is None:
             content = session.view(entry[0]).corrections.content(entry[1])
             return None if content is None else Correction(content)
@@ -556,10 +550,8 @@ class Document:
         run = self.run
         if ("forearm", None) in changed:
             wanted = changed["forearm", None]
-            wanted = self._own_arm if wanted is None else wanted
-            run = (
-                run if run.arm == wanted else run.with_forearm(np.inf if wanted is True else wanted)
-            )
+            wanted = self._own_arm_m if wanted is None else wanted
+            run = run if run.arm_m == wanted else run.with_forearm(wanted)
         settings = {
             name: self.own_settings[name] if value is None else value
             for (kind, name), value in changed.items()

@@ -443,7 +443,7 @@ class JobControl:
             raise HandtrackError(
                 "No size was fitted since the last tracking: there is none to take."
             )
-        arm = edits.arm(document, document.offered_arm)
+        arm = edits.arm(document, document.offered_arm_m)
         self._store.do("Size", in_turn(edits.size(document.offered_scale), arm))
         self._publish(session_snapshot(document))
         anew = first == document.first_frame and first not in document.by_hand
@@ -591,7 +591,7 @@ class JobControl:
         if sized.after_tracking:
             self._offered = sized  # once tracking has ended
             return
-        self._store.do("Size", in_turn(edits.size(run.scale), edits.arm(document, run.arm)))
+        self._store.do("Size", in_turn(edits.size(run.scale), edits.arm(document, run.arm_m)))
         self._publish(session_snapshot(document))
         self._publish(pose_snapshot(document))
         self._publish(Notice("done", "Size fitted", size_words(document.run)))
@@ -600,7 +600,7 @@ class JobControl:
         """Offer the size that tracked frames show; they stay as they are until the user takes it."""
         document, offered = self._document, None
         if run.scale != document.run.scale:
-            document.offered_scale, document.offered_arm = run.scale, run.arm
+            document.offered_scale, document.offered_arm_m = run.scale, run.arm_m
             self._publish(session_snapshot(document))
             offered = run.scale
         self._publish(Notice("done", "Size fitted", offer_words(document.run, offered)))
@@ -734,7 +734,7 @@ class Guesses:
         document, (model, params, _) = self.document, poses[index]
         arm = model.has_forearm and not document.model.has_forearm
         arm = arm and document.model.has_keypoints21
-        changed = [decide(forearm=True)] if arm else []
+        changed = [decide(forearm=np.inf)] if arm else []
         if document.size.pending and model.scale != document.run.scale:
             changed.append(edits.size(model.scale, pending=True))
         joint = model.joint_params(params)

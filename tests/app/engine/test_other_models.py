@@ -1,5 +1,6 @@
 """Another model is looked at: what was made with the one before comes back with it."""
 
+import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
@@ -68,7 +69,7 @@ def test_a_take_of_another_model_is_brought_back_with_its_model(tmp_path):
 def _arm_decided_while_tracking(folder):
     """Track as `handtrack track --init auto` does that finds a forearm: only the take knows of it."""
     store = opened(folder)
-    store.document.apply(decide(forearm=True))  # nothing is written of it
+    store.document.apply(decide(forearm=np.inf))  # nothing is written of it
     tracked(store).close()
 
 

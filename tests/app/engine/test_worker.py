@@ -110,7 +110,7 @@ def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(tmp
         monkeypatch.setattr(
             FakeRun,
             "with_arm_in_view",
-            lambda run, *_: replace(run, model=with_arm, forearm=True),
+            lambda run, *_: replace(run, model=with_arm, arm_m=np.inf),
         )
         worker.engine.save_pose()
         listener.told("First-frame pose saved")

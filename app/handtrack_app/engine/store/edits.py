@@ -62,8 +62,8 @@ def model_of_take(document: Document, number: int) -> Edit:
         run = run.with_values({name: wanted})
     if take.parameter_names != run.model.parameter_names:
         run = run.with_parameters(take.parameter_names)
-        if document.leaves_forearm_open:
-            changed.append(decide(forearm=run.arm))
+        if document.run.leaves_forearm_open:
+            changed.append(decide(forearm=run.arm_m))
         else:
             changed.append(decide(setting={"model.forearm": str(run.forearm).lower()}))
     if take.parameter_names != run.model.parameter_names:
@@ -130,10 +130,10 @@ def corrected_cameras(document: Document, cameras: Sequence[str]) -> Edit:
 def seen_arm(document: Document) -> Edit:
     """Give the model a forearm if the frame shown has one beyond the hand."""
     params = document.model.params_within_limits(document.shown)
-    return arm(document, document.run.with_arm_in_view(document.frame, params).arm)
+    return arm(document, document.run.with_arm_in_view(document.frame, params).arm_m)
 
 
-def arm(document: Document, found: bool | float) -> Edit:
+def arm(document: Document, found_m: float) -> Edit:
     """Give the model the forearm that was found, where that is left to the program."""
-    asked = document.leaves_forearm_open and document.run.arm != found
-    return decide(forearm=found) if asked else NOTHING
+    asked = document.run.leaves_forearm_open and document.run.arm_m != found_m
+    return decide(forearm=found_m) if asked else NOTHING

@@ -468,7 +468,7 @@ class Persistence:
     def _take_model_of_track(self) -> None:
         """A forearm that is left to the program was decided while tracking: the current take says how."""
         document, spans = self.document, self.document.state.spans
-        if spans and document.leaves_forearm_open:
+        if spans and document.run.leaves_forearm_open:
             with suppress(HandtrackError):  # it stays hidden, which the timeline tells
                 edit = edits.model_of_take(document, spans[-1].take)
                 if [*edit(document.state).changed(document.state)] == [("forearm", None)]:
