@@ -111,9 +111,7 @@ def evaluate(
     }
 
 
-def in_truths_landmarks(
-    track: TrackResult, truth: TruthLike, landmarks: str | None = None
-) -> TrackResult:
+def in_truths_landmarks(track: TrackResult, truth: TruthLike, landmarks: str | None) -> TrackResult:
     """Return the track with the points that the truth has: in the definition asked for, else in that which the truth says
     (`keypoint_definition`) if the track has it, else as they are. Raises HandtrackError for one asked for that it has not.
     """

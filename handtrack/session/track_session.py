@@ -227,8 +227,8 @@ def refine_frames(
     run: TrackingRun,
     request: TrackingRequest,
     tracked: Sequence[FrameResult],
-    control: Control = Control(),
-    on_progress: OnProgress = _unobserved,
+    control: Control,
+    on_progress: OnProgress,
     changed: Sequence[int] | None = None,
 ) -> FramesRefined:
     """Optimise tracked frames jointly; fixed poses of the request stay.

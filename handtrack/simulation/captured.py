@@ -72,9 +72,9 @@ class Captured:
 def captured(
     build: Callable[[HandScale], ArticulatedModel],
     clip: MotionClip,
-    scale: HandScale | None = None,
-    progress: Callable[[], None] = lambda: None,
-    posed: Callable[[ArticulatedModel], Floats[F, P] | None] = lambda _: None,
+    scale: HandScale | None,
+    progress: Callable[[], None],
+    posed: Callable[[ArticulatedModel], Floats[F, P] | None],
 ) -> Captured:
     """Return a clip on a model, in the size of the person unless one is given.
 

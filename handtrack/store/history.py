@@ -196,7 +196,7 @@ class History:
             return None
         return self.next(self.future.top[0].words, merged(self.future.top), REDO)
 
-    def amend(self, changes: Sequence[Change], said: tuple[str, int] | None = None) -> Action:
+    def amend(self, changes: Sequence[Change], said: tuple[str, int] | None) -> Action:
         """Let the latest action have done this instead: a drag goes on. Return it as it is now."""
         latest = self.past.top[-1]
         self.past.top[-1] = amended = replace(latest, changes=tuple(changes), said=said)

@@ -248,7 +248,7 @@ Progress = Callable[[], object]
 """Called after each image; it may raise to stop."""
 
 
-def frames_to_search(sources: Iterable[FrameSource], most: int = 400) -> range:
+def frames_to_search(sources: Iterable[FrameSource], most: int) -> range:
     """Return the frames to look at in all cameras alike: every one, or every n-th of a long video."""
     count = max((len(source.frames) for source in sources), default=0)
     return range(0, count, max(1, -(-count // most)))
@@ -305,7 +305,7 @@ def natural_order(paths: Iterable[Path]) -> list[Path]:
     )
 
 
-def choose_views(cameras: Sequence[CameraViews], most: int = 40) -> list[CameraViews]:
+def choose_views(cameras: Sequence[CameraViews], most: int) -> list[CameraViews]:
     """Return the cameras with at most `most` views each: sharp ones, spread over place, size and tilt.
 
     Frames are chosen once for all cameras, so that views stay common ones.

@@ -187,7 +187,7 @@ _POINT_MM = 25.4 / 72
 _TEXT_MM = 3.5
 
 
-def write_board(path: Path, board: Board, dpi: float = 300.0) -> tuple[float, float]:
+def write_board(path: Path, board: Board, dpi: float) -> tuple[float, float]:
     """Write a board to an SVG, PDF or PNG file in true size; return the page's size (w, h) [mm].
 
     dpi: of a PNG, whose edges are shaded to a quarter of a pixel; SVG and PDF are exact.

@@ -35,7 +35,7 @@ def draw_calibration(calibration: RigCalibration, board: Board) -> Array[H, W, D
 
 
 def draw_rig(
-    rig: CameraRig, lines: Sequence[Floats[N, D3]] = (), odd: Collection[str] = ()
+    rig: CameraRig, lines: Sequence[Floats[N, D3]], odd: Collection[str] = ()
 ) -> Array[H, W, D3]:
     """Return a picture BGR of cameras and of lines in space, world [m]: from behind the first camera, from its side and from
     above it. odd: cameras that are drawn in orange.

@@ -149,8 +149,8 @@ class CloudFilters:
     def dropped_by(
         self,
         cloud: PointCloud,
-        hand_distance: HandDistance | None = None,
-        centres: Floats[C, D3] | None = None,
+        hand_distance: HandDistance | None,
+        centres: Floats[C, D3] | None,
     ) -> tuple[Array[N], tuple[FilterReport, ...]]:
         """Return which filter dropped each point, by its place among the reports, and the
         reports; points that stay have the number after the last one.
@@ -309,7 +309,7 @@ def random_part(count: int, most: int, seed: int = 0) -> Array[N]:
     return keep
 
 
-def inliers(points: Floats[N, D3], neighbours: int, ratio: float, seed: int = 0) -> Array[N]:
+def inliers(points: Floats[N, D3], neighbours: int, ratio: float, seed: int) -> Array[N]:
     """Return which points have their neighbours about as near as points usually have.
 
     The test wants an even density: thin first. Beyond 60,000 points, the rest is judged by the

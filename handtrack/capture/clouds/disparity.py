@@ -163,7 +163,7 @@ def matches(
     right: Bytes[H, W, *Axes],
     least: int,
     most: int,
-    settings: StereoSettings = StereoSettings(),
+    settings: StereoSettings,
 ) -> tuple[Array[H, W], Bytes[H, W]]:
     """Return the disparity float32 [px] of the left pixels, NaN where there is no match that both directions agree on, and why
     other matches were thrown away, by number in REJECTED.

@@ -274,7 +274,7 @@ class ImageFiles:
         return image
 
 
-def announced_size(data: bytes, where: str = "") -> tuple[int, int] | None:
+def announced_size(data: bytes, where: str) -> tuple[int, int] | None:
     """Return width, height [px] as an image file announces them; None of files that say it in no way known here.
 
     where: the file, for errors. Raises HandtrackError for a picture so large that Pillow takes it for an attack.

@@ -62,7 +62,7 @@ def is_pose2sim(folder: Path) -> bool:
     return folder.is_dir() and any(_joint_folders(pose) for pose in _folders(folder, *_POSE))
 
 
-def read_pose2sim(folder: Path, calibration: Path | None = None) -> Pose2SimProject:
+def read_pose2sim(folder: Path, calibration: Path | None) -> Pose2SimProject:
     """Return what a trial's folder holds. calibration: if the user named it. Raises HandtrackError for what lacks or is open."""
     if not folder.is_dir():
         raise HandtrackError(

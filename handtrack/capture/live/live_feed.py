@@ -19,7 +19,7 @@ _USUAL_FPS = 30.0
 
 
 def open_device(
-    device: str, size: tuple[int, int], where: str, rate: float = 1.0, fps: float | None = None
+    device: str, size: tuple[int, int], where: str, rate: float, fps: float | None
 ) -> Device:
     """Return the device of an index such as `0`, of a path such as /dev/video2 or an address, or of a video file.
 
@@ -99,7 +99,7 @@ class LiveCamera:
         self,
         name: str,
         device: Device,
-        size: tuple[int, int] | None = None,
+        size: tuple[int, int] | None,
         where: str = "",
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -205,7 +205,7 @@ class LiveFeed:
     the newest by more than the tolerance is left out. Safe from several threads.
     """
 
-    def __init__(self, cameras: Sequence[LiveCamera], tolerance_s: float = 0.05) -> None:
+    def __init__(self, cameras: Sequence[LiveCamera], tolerance_s: float) -> None:
         self.cameras, self._tolerance_s = cameras, tolerance_s
         self.on_frame: Callable[[LiveFrame], None] | None = None
         """is told of each frame made, in order"""

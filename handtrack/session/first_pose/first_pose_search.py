@@ -92,7 +92,7 @@ def find_first_poses(
 
 
 def confirmed_by_tracking(
-    run: TrackingRun, frames: range, should_stop: Callable[[], bool] | None = None
+    run: TrackingRun, frames: range, should_stop: Callable[[], bool] | None
 ) -> bool:
     """Return whether frames in a row, tracked from a run's first pose that is not sure, confirm it by their own evidence."""
     frame, start = run.initial()

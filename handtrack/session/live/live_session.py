@@ -41,7 +41,7 @@ class LiveSession(Session):
     """
 
     def __init__(
-        self, folder: Path, file: SessionFile, rig: CameraRig, feed: LiveFeed, note: str = ""
+        self, folder: Path, file: SessionFile, rig: CameraRig, feed: LiveFeed, note: str
     ) -> None:
         """Use `open_live`."""
         self.live, self._note = feed, note
@@ -107,7 +107,7 @@ class LiveSession(Session):
 
 
 def open_live(
-    folder: Path | str, devices: Mapping[str, str], tolerance_s: float = 0.05, rate: float = 1.0
+    folder: Path | str, devices: Mapping[str, str], tolerance_s: float, rate: float = 1.0
 ) -> LiveSession:
     """Return a session of running cameras, with the settings and the calibration of a folder.
 

@@ -18,9 +18,7 @@ from handtrack.session.layout import CORRECTED_FOLDER, inside
 class CorrectedMasks:
     """A camera's corrections by its own frames: files, and before them what is not in files yet. Safe from several threads."""
 
-    def __init__(
-        self, folder: Path, camera: str, size: tuple[int, int], has_files: bool = True
-    ) -> None:
+    def __init__(self, folder: Path, camera: str, size: tuple[int, int], has_files: bool) -> None:
         """size: width, height [px] of the camera's images. has_files: those of a running camera are about a recording's frames."""
         self._root, self._camera, self._size = folder, camera, size
         self._has_files = has_files

@@ -64,7 +64,7 @@ def refined_by(program: str) -> str:
     return f"{program}, {REFINED}"
 
 
-def about_refined(about: TakeAbout, labels: TrackLabels | None = None) -> TakeAbout:
+def about_refined(about: TakeAbout, labels: TrackLabels | None) -> TakeAbout:
     """Return the description of the refined frames of a take; labels: where refining changed what they mean, as the hand's size."""
     inputs, by = {**about.inputs, "estimate": REFINED}, refined_by(about.by)
     return replace(about, by=by, begun=_now(), inputs=inputs, labels=labels or about.labels)

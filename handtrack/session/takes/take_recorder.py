@@ -95,11 +95,11 @@ class TakeRecorder:
         self,
         out: Path,
         session: Path,
-        program: str = "handtrack track",
-        restart: bool = False,
-        take_over: bool = False,
-        resume_before: int | None = None,
-        on_note: Callable[[str], object] = lambda text: None,
+        program: str,
+        restart: bool,
+        take_over: bool,
+        resume_before: int | None,
+        on_note: Callable[[str], object],
     ) -> None:
         """
         Parameters

@@ -24,7 +24,7 @@ _AXES = ("x", "y", "z")
 
 
 def read_motion(
-    path: Path, skeleton: Path | None = None, fps: float | None = None, positions: str | None = None
+    path: Path, skeleton: Path | None, fps: float | None, positions: str | None
 ) -> tuple[MotionClip, float | None, str]:
     """Return what a file says of where joints are, in its unit; metres in one unit, where it says that; and which form it has, in words.
 
