@@ -32,7 +32,7 @@ def space_residuals(
     if isinstance(term, AtOwnTime):
         yield from space_residuals(term.term, term.motion_there.carried(bones))
     elif isinstance(term, CloudDistanceTerm):
-        points = np.ascontiguousarray(term.cloud.points[:, : term.cloud.count].T)
+        points = term.cloud.rows
         yield "cloud", points, term.surface.distance(bones, points) / term.sigma_m
     elif isinstance(term, CloudRaysTerm):
         yield "cloud", term.points, term.surface.distance(bones, term.points) / term.along_m

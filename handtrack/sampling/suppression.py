@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, K, N, P
+from handtrack.arrays import D3, Array, Floats, Ints, J, K, N, P
 from handtrack.geometry.rotation import rotation_matrix
 
 MERGED_RAD = 0.1
@@ -40,6 +40,14 @@ def apart(rows: Iterable[int], is_far: Callable[[int, Ints[N]], Array[N]]) -> It
         best, left = int(left[0]), left[1:]
         yield best
         left = left[is_far(best, left)] if len(left) else left
+
+
+def apart_joints(rows: Iterable[int], joints: Floats[N, J, D3], least_m: float) -> Iterator[int]:
+    """Yield the rows that stand for all poses, whose joints are at least so far from those of every better one, on average."""
+    return apart(
+        rows,
+        lambda a, rest: np.linalg.norm(joints[rest] - joints[a], axis=2).mean(axis=1) >= least_m,
+    )
 
 
 def distinct(params: Floats[N, P], costs: Floats[N], threshold_rad: float = MERGED_RAD) -> Ints[K]:

@@ -87,7 +87,7 @@ class Tracker:
             return result
         if any(before.status == Status.TRACKED for before in state.results):
             return result
-        row = list(takewhile(lambda before: before.is_unconfirmed, reversed(state.results)))
+        row = list(takewhile(lambda before: before.reason_kind == "start", reversed(state.results)))
         return (
             result if len(row) >= CONFIRMED_BY - 1 else unconfirmed(result, self.start_confidence)
         )

@@ -153,7 +153,7 @@ def one_frame(result: FrameResult, fit: OutlineFit | None) -> Notice:
     if result.status == Status.TRACKED:
         words = "The pose explains what was observed." if fit is None else fit.words
         return Notice("done", f"Frame {result.frame} is fitted", words)
-    if result.is_open or result.is_unlikely or result.is_unconfirmed:
+    if result.fits:
         return Notice(
             "warning",
             f"Frame {result.frame} fits, with low confidence",

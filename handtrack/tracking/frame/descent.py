@@ -121,11 +121,10 @@ def minima(
         starts = starts[np.argsort(costs, kind="stable")[:most]]
     params, cost, hessian = [], [], []
     for start in starts:
-        summary, problem, _ = descend(model, settings, terms, start, should_stop)
-        system = problem.linearize(summary.params)
+        summary, _, _ = descend(model, settings, terms, start, should_stop)
         params.append(summary.params)
-        cost.append(system.cost)
-        hessian.append(system.hessian)
+        cost.append(summary.cost)
+        hessian.append(summary.system.hessian)
         if summary.why == "stopped":
             break
     return Minima(np.array(params), np.array(cost), np.array(hessian))

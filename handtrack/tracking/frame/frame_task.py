@@ -125,20 +125,6 @@ def solved_result(
     return Solved(result, covariance)
 
 
-def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
-    """Return a frame in which nothing was seen: lost, at the pose that is handed in."""
-    cloud = terms.settings.cloud
-    elsewhere = observation.cloud is not None and cloud.weight > 0
-    reason = Reason("cloud elsewhere", number=cloud.crop_mm) if elsewhere else Reason("unseen")
-    return posed_result(terms.model, observation, params, FrameConfidence(Status.LOST, reason))
-
-
-def manual_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
-    """Return a first frame that is only to be compared with those after it, at the given pose."""
-    judgement = FrameConfidence(Status.DOUBTFUL, Reason("given"))
-    return posed_result(terms.model, observation, params, judgement)
-
-
 def posed_result(
     model: ArticulatedModel,
     observation: Observation,
@@ -227,10 +213,18 @@ class FrameTask:
             terms = self.terms(params)
         return params, terms
 
-    def unseen(self, terms: FrameTerms) -> Solved:
-        """Return a frame in which nothing was seen: what moved on unseen is not known, the last estimate is held."""
+    def unseen(self) -> Solved:
+        """Return a frame in which nothing was seen: what moved on unseen is not known, the last estimate is held. A first frame of images is
+        only to be compared with those after it, at the given pose.
+        """
+        seen, cloud, params = self.observation, self.settings.cloud, self.start
         if self.previous:
-            last = self.model.transform.solver_params(self.previous[-1].parameters)
-            return Solved(unseen_result(terms, self.observation, last))
-        kind = manual_result if self.observation.images else unseen_result
-        return Solved(kind(terms, self.observation, self.start))
+            params = self.model.transform.solver_params(self.previous[-1].parameters)
+        if seen.images and not self.previous:
+            judgement = FrameConfidence(Status.DOUBTFUL, Reason("given"))
+        elif seen.cloud is not None and cloud.weight > 0:
+            reason = Reason("cloud elsewhere", number=cloud.crop_mm)
+            judgement = FrameConfidence(Status.LOST, reason)
+        else:
+            judgement = FrameConfidence(Status.LOST, Reason("unseen"))
+        return Solved(posed_result(self.model, seen, params, judgement))

@@ -152,15 +152,19 @@ class FrameHead:
         return "" if self.reason is None else self.reason.words
 
     @property
+    def reason_kind(self) -> str:
+        """Of what kind the reason is, one of KINDS; empty where there is none."""
+        return "" if self.reason is None else self.reason.kind
+
+    @property
     def poor_cloud(self) -> bool:
         """Whether its cloud agreed with the hand so badly that the depths were doubted."""
-        return self.reason is not None and self.reason.kind == "poor cloud"
+        return self.reason_kind == "poor cloud"
 
     @property
     def clutters(self) -> bool:
         """Whether its cloud is poor, or shows other things beside the hand: a better fit tells little there."""
-        kind = "" if self.reason is None else self.reason.kind
-        return kind == "poor cloud" or (kind == "cloud" and self.status != Status.LOST)
+        return self.poor_cloud or (self.reason_kind == "cloud" and self.status != Status.LOST)
 
     @property
     def is_simplified(self) -> bool:
@@ -169,30 +173,11 @@ class FrameHead:
 
     @property
     def fits(self) -> bool:
-        """Whether the pose explains what was seen, be it much or little: nothing is gained by looking for another."""
-        if self.status == Status.TRACKED or self.is_unconfirmed:
-            return True
-        return self.is_open or self.is_odd or self.is_unlikely
-
-    @property
-    def is_unconfirmed(self) -> bool:
-        """Whether it is doubtful only because the pose that tracking began with is."""
-        return self.reason is not None and self.reason.kind == "start"
-
-    @property
-    def is_odd(self) -> bool:
-        """Whether it is doubtful only because nobody has such a hand."""
-        return self.reason is not None and self.reason.kind == "size"
-
-    @property
-    def is_unlikely(self) -> bool:
-        """Whether it is doubtful only because it may well be off, for all that it fits."""
-        return self.reason is not None and self.reason.kind in ("off", "far off")
-
-    @property
-    def is_open(self) -> bool:
-        """Whether it is doubtful only because what was seen leaves the joints open."""
-        return self.reason is not None and self.reason.kind == "open"
+        """Whether the pose explains what was seen, be it much or little: nothing is gained by looking for another. It may be doubtful
+        for all that: as the pose that tracking began with is, as nobody has such a hand, or as its joints may be elsewhere.
+        """
+        doubts = ("start", "size", "open", "off", "far off")
+        return self.status == Status.TRACKED or self.reason_kind in doubts
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

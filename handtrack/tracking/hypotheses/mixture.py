@@ -12,7 +12,7 @@ from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.chains import chains_of
-from handtrack.sampling.suppression import apart
+from handtrack.sampling.suppression import apart_joints
 from handtrack.solver.covariance import covariance
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.control import Control
@@ -77,10 +77,7 @@ def _carried(objective: MixtureObjective, found: Sequence[Start]) -> list[Start]
     shapes = np.array([model.joint_positions(b) - b.reference for b in bones])
     own = settings.traits.apart_mm
     limit = 1e-3 * (APART_MM if own is None else own)
-    differing = apart(
-        range(len(found)),
-        lambda a, rest: np.linalg.norm(shapes[rest] - shapes[a], axis=2).mean(axis=1) >= limit,
-    )
+    differing = apart_joints(range(len(found)), shapes, limit)
     shown = list(islice(differing, settings.tracker.hypotheses))
     others = [n for n in range(len(found)) if n not in shown]
     quick = by_keypoints_alone(found[0].source.terms)
@@ -126,7 +123,7 @@ def solve_mixture(
     objective = task.model, task.settings, chains, task.observation
     if not terms.has_seen:
         parents = range(len(carried))
-        return _with_alternatives(task.model, task.unseen(terms), carried, parents), tuple(carried)
+        return _with_alternatives(task.model, task.unseen(), carried, parents), tuple(carried)
     if carried:
         components = [_component(task, hypothesis) for hypothesis in carried]
         hypotheses, parents = searched(NextHypotheses(*objective, components), task.control)

@@ -49,7 +49,7 @@ def solve_frame(task: FrameTask) -> Solved:
     """Return a frame's result by descent from its start."""
     params, terms = task.opened()
     if not terms.has_seen:
-        return task.unseen(terms)
+        return task.unseen()
     if task.previous and task.previous[-1].poor_cloud and may_doubt(terms):
         doubted, is_poor = solve_doubted(task, terms, params)
         if is_poor:

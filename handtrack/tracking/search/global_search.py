@@ -23,7 +23,7 @@ from handtrack.observation.observation import Observation
 from handtrack.parallel import in_parallel
 from handtrack.sampling.chains import chains_of
 from handtrack.sampling.interpretation_tree import chain_flips
-from handtrack.sampling.suppression import apart
+from handtrack.sampling.suppression import apart, apart_joints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Control
@@ -149,14 +149,7 @@ class GlobalObjective:
         """
         ordered = sorted(candidates, key=lambda c: c.cost)
         joints = np.array([c.joints for c in ordered])
-        rows = list(
-            apart(
-                range(len(ordered)),
-                lambda a, rest: (
-                    np.linalg.norm(joints[rest] - joints[a], axis=2).mean(axis=1) > BASIN_M
-                ),
-            )
-        )
+        rows = list(apart_joints(range(len(ordered)), joints, BASIN_M))
         palms = np.array([palm_middle(c.model, c.params) for c in ordered])
         promising = [n for n in rows if ordered[n].cost <= _PROMISING_COST * ordered[0].cost]
         kept = [*spread_over_places(promising, palms, most), *rows[len(promising) :]]

@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats
 from handtrack.tracking.frame.confidence import assess, is_where_joints_are
 from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.auto_start import fitting
 from handtrack.tracking.search.engine import Candidate, improved
 from handtrack.tracking.search.evidence.hand_shapes import (
@@ -44,16 +43,20 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     if objective is None:
         return solved
 
-    here = shape_of(model, result.parameters, "last")
+    known = [r for r in task.previous if r.status != Status.LOST and np.isfinite(r.energy)]
+    last = known[-1] if known else task.previous[-1]
+    middle = palm_middle(model, model.transform.solver_params(last.parameters))
+    reach = _NEAR_M + _SPEED_M * abs(task.observation.frame - last.frame)
+    # of a lost hand nobody knows how far it went: it is looked for everywhere
+    is_lost = result.status == Status.LOST
     objective = replace(
         objective,
-        shapes=[_last_shape(task), *hand_shapes(model)],
+        shapes=[shape_of(model, last.parameters, "last"), *hand_shapes(model)],
         solve=fitting(task.settings, task.observation, replace(task.control, on_iteration=None)),
         looks_for_fingers=task.settings.tracker.escape,
-        within=_where(task, lost=result.status == Status.LOST),
+        within=(middle, np.inf if is_lost else reach),
         control=task.control,
     )
-    middle = palm_middle(model, _last_params(task))
 
     def compared(candidates: Sequence[Candidate]) -> list[Candidate]:
         """Return candidates by the same observation, of which none is taken that is less sure than what stands, or further off than a
@@ -69,34 +72,11 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
                 found[n] = replace(one, cost=np.inf)
         return found
 
+    here = shape_of(model, result.parameters, "last")
     standing = objective.measured(Candidate(model, params, origin="standing pose", shape=here))
     number = task.observation.frame
     best = improved(LOST_HAND, objective, standing, task.control, number, why, compared)
     return solved if best.solved is None else _judged(task, best.solved)
-
-
-def _last_known(task: FrameTask) -> FrameResult:
-    known = [r for r in task.previous if r.status != Status.LOST and np.isfinite(r.energy)]
-    return known[-1] if known else task.previous[-1]
-
-
-def _last_params(task: FrameTask) -> Floats:
-    return task.model.transform.solver_params(_last_known(task).parameters)
-
-
-def _last_shape(task: FrameTask):
-    return shape_of(task.model, _last_known(task).parameters, "last")
-
-
-def _where(task: FrameTask, lost: bool) -> tuple[Floats, float]:
-    """Return a point (3,) and how far from it the hand may be [m].
-
-    Of a lost hand nobody knows how far it went: it is looked for everywhere.
-    """
-    middle = palm_middle(task.model, _last_params(task))
-    if lost:
-        return middle, np.inf
-    return middle, _NEAR_M + _SPEED_M * abs(task.observation.frame - _last_known(task).frame)
 
 
 def _judged(task: FrameTask, solved: Solved) -> Solved:
@@ -105,7 +85,7 @@ def _judged(task: FrameTask, solved: Solved) -> Solved:
     bones = model.bones(model.transform.solver_params(result.parameters))
     terms = frame_terms(model, task.settings, task.observation, bones, None)
     status, reason = assess(terms, bones, result.energy, task.previous)
-    worse = status > result.status or (status != Status.TRACKED and result.is_open)
-    return (
-        replace(solved, result=replace(result, status=status, reason=reason)) if worse else solved
-    )
+    was_open = result.reason_kind == "open"
+    if status > result.status or (status != Status.TRACKED and was_open):
+        return replace(solved, result=replace(result, status=status, reason=reason))
+    return solved

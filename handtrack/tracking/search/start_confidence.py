@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import D3, Floats, J, N, P, indices
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.observation.observation import Observation
-from handtrack.sampling.suppression import apart
+from handtrack.sampling.suppression import apart_joints
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_kernels import pull_back
@@ -105,12 +105,7 @@ def clustered_modes(found: Sequence[Candidate]) -> list[Candidate]:
         drawn += [_shape(model, model.clipped(candidate.params + step)) for step in steps @ axes.T]
     away = np.linalg.norm(np.array(drawn)[:, None] - shape, axis=3).mean(axis=2)
     surest = np.argsort(-(weight @ (away < near)), kind="stable")
-    kept = list(
-        apart(
-            surest,
-            lambda a, rest: np.linalg.norm(shape[rest] - shape[a], axis=2).mean(axis=1) >= near,
-        )
-    )
+    kept = list(apart_joints(surest, shape, near))
     nearest = np.where(away[:, kept].min(axis=1) < near, away[:, kept].argmin(axis=1), -1)
     shares = [float(weight[nearest == n].sum()) for n in range(len(kept))]
     order = np.argsort(np.negative(shares), kind="stable").tolist()
