@@ -11,11 +11,12 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.marching_cubes import marching_cubes
 from handtrack.model.surfaces.metaballs import (
     FORMS,
+    SHARPNESS_PER_M,
     MetaballSurface,
 )
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh, vertex_normals
 from handtrack.model.surfaces.superquadrics import Superquadrics
-from handtrack.model.surfaces.surface_mesh import carried_mesh, surface_mesh
+from handtrack.model.surfaces.surface_mesh import relaxed_mesh, surface_mesh
 from tests.derivatives import check_jacobian
 from tests.model.metaballs_reference import merged
 from tests.terms.silhouette_scene import ellipsoids_of
@@ -100,28 +101,28 @@ def closed(vertices, faces) -> trimesh.Trimesh:
 
 
 def test_vertices_lie_on_the_surface(model, bones, mesh):
-    d = np.abs(MetaballSurface.of(model).distance(bones, mesh.vertices))
+    d = np.abs(MetaballSurface.of(model).distance(bones, mesh.carried(bones)[0]))
     assert np.quantile(d, 0.99) < 1e-5
     assert d.max() < 2e-4  # at a jump of d
 
 
-def test_the_mesh_is_closed_and_turned_outwards(mesh):
-    found = closed(mesh.vertices, mesh.faces)
+def test_the_mesh_is_closed_and_turned_outwards(bones, mesh):
+    vertices, normals = mesh.carried(bones)
+    found = closed(vertices, mesh.faces)
     assert 1.5e-4 < found.volume < 6e-4  # a hand without its wrist displaces 0.2 to 0.5 litres
-    assert ((found.face_normals * mesh.normals[mesh.faces[:, 0]]).sum(axis=1) > 0).mean() > 0.99
+    assert ((found.face_normals * normals[mesh.faces[:, 0]]).sum(axis=1) > 0).mean() > 0.99
 
 
-def test_a_carried_mesh_is_the_surface_where_it_was_made_and_follows_the_bones(model, rng):
-    surface, relaxed = MetaballSurface.of(model), model.rest_params()
-    here = carried_mesh(model, model.bones(relaxed))
-    assert_allclose(here.vertices, surface_mesh(surface, model.bones(relaxed)).vertices)
-    moved = relaxed.copy()
+def test_a_relaxed_mesh_is_the_surface_of_the_relaxed_hand_and_follows_the_bones(model, mesh, rng):
+    surface, moved = MetaballSurface.of(model), model.rest_params()
+    relaxed = relaxed_mesh(model, SHARPNESS_PER_M, "d3")
+    assert_allclose(relaxed.local, mesh.local)
     moved[:6] += rng.normal(scale=0.5, size=6)  # the whole hand: rigid
     bones = model.bones(moved)
-    there = carried_mesh(model, bones)
-    assert np.abs(surface.distance(bones, there.vertices)).max() < 1e-3
-    near = surface.near(bones, there.vertices)[2]
-    cosine = (near * there.normals).sum(axis=1) / np.linalg.norm(near, axis=1)
+    vertices, normals = relaxed.carried(bones)
+    assert np.abs(surface.distance(bones, vertices)).max() < 1e-3
+    near = surface.near(bones, vertices)[2]
+    cosine = (near * normals).sum(axis=1) / np.linalg.norm(near, axis=1)
     assert np.median(cosine) > 0.999
 
 

@@ -13,6 +13,7 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
+from handtrack.terms.clouds.distance_map import distance_map
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
@@ -34,13 +35,16 @@ def test_derivatives_by_pose_and_shape(rng, side):
     points = points + rng.normal(scale=0.003, size=points.shape)
     masks = mask_views(hand, pose, simulated_rig(3, (160, 120)).cameras).silhouettes
     mesh = surface_mesh(surface, bones, 0.008)
+    vertices, _ = mesh.carried(bones)
+    low, high = vertices.min(axis=0) - 0.04, vertices.max(axis=0) + 0.04
+    distances = distance_map(points[::3], low, high)
     both = np.concatenate([pose, size.deviations(hand.scale)])
     both += np.r_[rng.normal(scale=0.01, size=26), rng.normal(scale=0.7, size=len(size.names))]
     person = PersonChange(size, np.ones(len(size.names), bool), both[26:])
     for term, rtol in (
         (CloudDistanceTerm(prepare_cloud(points), surface, 0.004, geman_mcclure(3.0)), 1e-4),
         (CloudRaysTerm(points, pose[:3] + [0.05, -0.1, 0.6], surface, along_m=0.02), 1e-4),
-        (CloudEmptinessTerm.at_start(points[::3], mesh), 1e-4),
+        (CloudEmptinessTerm(distances, mesh.bone, mesh.local), 1e-4),
         (CollisionTerm.of(hand, slack_m=0.0), 1e-4),
         (CoverageTerm(masks, hand.flesh["fine"], 4.0, bones, True), 2e-3),  # pixels change hands
     ):

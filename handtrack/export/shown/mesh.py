@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from handtrack.arrays import D3, Floats
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.surfaces.metaballs import SHARPNESS_PER_M
 from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
-from handtrack.model.surfaces.surface_mesh import carried_mesh, model_mesh
+from handtrack.model.surfaces.surface_mesh import model_mesh, relaxed_mesh
 
 
 def model_skin(model: ArticulatedModel) -> PartMesh:
@@ -15,10 +18,10 @@ def model_skin(model: ArticulatedModel) -> PartMesh:
     if model.kind != "hand" or "metaballs" not in model.flesh:
         return model_mesh(model)
     relaxed = model.bones(model.rest_params())
-    mesh = carried_mesh(model, relaxed)
+    mesh = relaxed_mesh(model, SHARPNESS_PER_M, "d3")
     turned = np.swapaxes(relaxed.rotation[mesh.bone], 1, 2)
-    normals = vertex_normals(mesh.vertices, mesh.faces)
-    return PartMesh(mesh.bone, mesh.local, np.einsum("vij,vj->vi", turned, normals), mesh.faces)
+    normals = vertex_normals(mesh.carried(relaxed)[0], mesh.faces)
+    return replace(mesh, normal=np.einsum("vij,vj->vi", turned, normals))
 
 
 # ---- Which named joints are connected by bones: the lines of a stick figure

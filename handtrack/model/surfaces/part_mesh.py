@@ -1,4 +1,4 @@
-"""PartMesh: one mesh of all parts of a model, each part fixed to its bone."""
+"""PartMesh: a mesh of a model, each vertex fixed to its bone; of all parts in one, such as ellipsoids, or of the merged surface."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ class PartMesh:
     """Closed triangle meshes on bones. Parts may lie in each other; what is hidden is for the camera to find."""
 
     bone: Ints[V]
-    """the bone of each vertex; the three of a face have the same"""
+    """the bone of each vertex; of parts the three of a face have the same"""
     local: Floats[V, D3]
     """in that bone's frame [m]"""
     normal: Floats[V, D3]
     """unit, outwards, in that bone's frame"""
     faces: Ints[F, D3]
+    """counter-clockwise seen from outside"""
 
     def carried(self, bones: BonePoses) -> tuple[Floats[V, D3], Floats[V, D3]]:
         """Return vertices [m] and their normals in the world."""

@@ -1,78 +1,36 @@
-"""Triangle mesh of the merged metaball surface, each vertex bound to a bone."""
+"""Triangle mesh of the merged metaball surface, and of a model's parts."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, Ints, N, V, array_dataclass
+from handtrack.arrays import D3, Floats, N
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.marching_cubes import marching_cubes
-from handtrack.model.surfaces.metaballs import SHARPNESS_PER_M, MetaballSurface
+from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.part_mesh import PartMesh, ellipsoid_mesh
 
 MOST_NODES = 16_000_000
 """of the grid; finer ones are refused"""
 
 
-@array_dataclass
-class SurfaceMesh:
-    """Triangles on d = 0. Outlines of parts that lie in each other are one surface, except where fingers touch."""
-
-    vertices: Floats[V, D3]
-    """world [m]"""
-    faces: Ints[F, D3]
-    """counter-clockwise seen from outside"""
-    normals: Floats[V, D3]
-    """unit, outwards"""
-    ellipsoid: Ints[V]
-    """the closest ellipsoid"""
-    bone: Ints[V]
-    """its bone, to which the vertex is fixed"""
-    local: Floats[V, D3]
-    """in that bone's frame [m]"""
-
-    def carried(self, bones: BonePoses) -> Floats[V, D3]:
-        """Return the vertices where other bone poses carry them, world [m]."""
-        return bones.to_world(self.bone, self.local)
-
-    def posed(self, bones: BonePoses, frame: BonePoses) -> SurfaceMesh:
-        """Return the mesh, made where the bones were at `frame`, as other bone poses carry it."""
-        turn = bones.rotation @ np.swapaxes(frame.rotation, 1, 2)
-        normals = np.einsum("vij,vj->vi", turn[self.bone], self.normals)
-        return replace(self, vertices=self.carried(bones), normals=normals)
-
-
-def carried_mesh(
-    model: ArticulatedModel,
-    bones: BonePoses,
-    sharpness: float = SHARPNESS_PER_M,
-    form: str = "d3",
-) -> SurfaceMesh:
-    """Return the mesh of the relaxed hand or body, meshed once, as bone poses carry it: parts rigid, creases neglected.
+@lru_cache(maxsize=8)
+def relaxed_mesh(model: ArticulatedModel, sharpness: float, form: str) -> PartMesh:
+    """Return the mesh of the relaxed hand or body, meshed once: bones carry its parts rigidly, creases neglected.
 
     sharpness, form: of the metaball surface, see there.
     """
-    template, relaxed = _template(model, sharpness, form)
-    return template.posed(bones, relaxed)
+    surface = MetaballSurface.of(model, sharpness, form)
+    return surface_mesh(surface, model.bones(model.rest_params()))
 
 
-@lru_cache(maxsize=8)
-def _template(
-    model: ArticulatedModel, sharpness: float, form: str
-) -> tuple[SurfaceMesh, BonePoses]:
-    relaxed = model.bones(model.rest_params())
-    return surface_mesh(MetaballSurface.of(model, sharpness, form), relaxed), relaxed
-
-
-def surface_mesh(
-    surface: MetaballSurface, bones: BonePoses, spacing_m: float = 0.004
-) -> SurfaceMesh:
-    """Return the marching-cubes mesh (2004 paper, section 5.1) on a grid of `spacing_m`.
+def surface_mesh(surface: MetaballSurface, bones: BonePoses, spacing_m: float = 0.004) -> PartMesh:
+    """Return the marching-cubes mesh (2004 paper, section 5.1) of d = 0 at a pose, on a grid of `spacing_m`. Outlines of parts that lie
+    in each other are one surface, except where fingers touch.
 
     Vertices are then moved onto the surface itself, so that the grid's linear interpolation leaves no trace.
     """
@@ -88,8 +46,11 @@ def surface_mesh(
     _, closest, gradient = surface.near(bones, moved)
     normals = gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
     bone = surface.ellipsoids.bone[closest]
-    local = np.einsum("vji,vj->vi", bones.rotation[bone], moved - bones.position[bone])
-    return SurfaceMesh(moved, faces, normals, closest, bone, local)
+    local, normal = (
+        np.einsum("vji,vj->vi", bones.rotation[bone], one)
+        for one in (moved - bones.position[bone], normals)
+    )
+    return PartMesh(bone, local, normal, faces)
 
 
 def sample_surface(
@@ -100,7 +61,7 @@ def sample_surface(
 ) -> tuple[Floats[N, D3], Floats[N, D3]]:
     """Return points (count, 3) spread evenly over the surface, world [m], and its unit normals there (count, 3)."""
     mesh = surface_mesh(surface, bones)
-    corners = mesh.vertices[mesh.faces]
+    corners = mesh.carried(bones)[0][mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(across, axis=1)
     face = rng.choice(len(area), size=count, p=area / area.sum())

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, V, array_dataclass, check_shape
+from handtrack.arrays import D3, Array, Floats, Ints, K, M, V, array_dataclass, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.surface_mesh import SurfaceMesh
 from handtrack.terms.bone_system import Sums
-from handtrack.terms.clouds.distance_map import MOST_VOXELS, SPACING_M, DistanceMap, distance_map
+from handtrack.terms.clouds.distance_map import DistanceMap
 from handtrack.terms.clouds.distance_map_kernels import emptiness_sums
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.term import SurfaceTerm
@@ -27,7 +25,7 @@ CELL, DEPTH_STEP = 0.006, 0.012
 class CloudEmptinessTerm(SurfaceTerm):
     """½ weight Σ ρ((D(X) − slack)₊²/σ²) over model surface points X, D the distance map of the cloud.
 
-    The points are fixed to their bones at the frame's start. The model point moves: its bone's entry is
+    The points are fixed to their bones; which are asked for is decided at the frame's start (`seen_from`). The model point moves: its bone's entry is
     +[n ; (X − o) × n] with n = ∇D, by its field [n ; n (X − o)ᵀ].
     """
 
@@ -49,38 +47,6 @@ class CloudEmptinessTerm(SurfaceTerm):
             raise HandtrackError(
                 f"{self.name}: sigma {self.sigma_m:g} m and slack {self.slack_m:g} m; expected positive lengths."
             )
-
-    @classmethod
-    def at_start(
-        cls,
-        cloud: Floats[N, D3],
-        mesh: SurfaceMesh,
-        views: Sequence[Floats[K, D3]] = (),
-        *,
-        objects: Floats[M, D3] | None = None,
-        margin_m: float = 0.04,
-        loss: Loss = quadratic(),
-        weight: float = 1.0,
-    ) -> CloudEmptinessTerm:
-        """Return the term of a cloud world [m] and the mesh of the model where the frame starts.
-
-        views, objects: what can have seen the surface, see `seen_from`; without views, the whole surface is asked for.
-        margin_m: how far the map reaches beyond the mesh; points beyond it are left out.
-        """
-        low, high = mesh.vertices.min(axis=0) - margin_m, mesh.vertices.max(axis=0) + margin_m
-        distances = distance_map(cloud, low, high, SPACING_M, MOST_VOXELS)
-        nothing = np.empty(0, np.int64), np.empty((0, 3))
-        return cls(distances, *nothing, loss=loss, weight=weight).for_mesh(mesh, views, objects)
-
-    def for_mesh(
-        self,
-        mesh: SurfaceMesh,
-        views: Sequence[Floats[K, D3]] = (),
-        objects: Floats[M, D3] | None = None,
-    ) -> CloudEmptinessTerm:
-        """Return the term of the same cloud for another mesh of the model."""
-        kept = seen_from(mesh.vertices, mesh.normals, views, objects)
-        return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         if self.distances.is_empty:

@@ -88,7 +88,7 @@ class CloudRenderer:
         return SurfaceSnapshot(
             moment.frame,
             moment.version,
-            mesh.vertices.astype(np.float32),
+            mesh.carried(moment.bones)[0].astype(np.float32),
             mesh.faces.astype(np.uint32),
         )
 

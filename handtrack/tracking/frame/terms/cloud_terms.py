@@ -8,14 +8,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, K, M, N
+from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, V
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import SurfaceMesh, carried_mesh
+from handtrack.model.surfaces.part_mesh import PartMesh
+from handtrack.model.surfaces.surface_mesh import relaxed_mesh
 from handtrack.observation.observation import Observation
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
-from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, hiding
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, hiding, seen_from
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.clouds.distance_map import distance_map
 from handtrack.terms.loss import Loss, geman_mcclure, quadratic, uniform_outliers
@@ -86,10 +87,10 @@ class CloudObservation:
         """
         if self.emptiness is None:
             return self
-        mesh = _mesh(model, bones, self.settings.cloud)
-        asked = _asked(self.views, self.settings.traits)
-        term = _hand_only(self.emptiness.for_mesh(mesh, asked, self.objects), model)
-        return replace(self, emptiness=term)
+        mesh, asked = _mesh(model, self.settings.cloud), _asked(self.views, self.settings.traits)
+        kept = seen_from(*mesh.carried(bones), asked, self.objects)
+        bone, local = _on_hand(model, mesh, kept)
+        return replace(self, emptiness=replace(self.emptiness, bone=bone, local=local))
 
 
 def see_cloud(
@@ -103,11 +104,12 @@ def see_cloud(
         return None
     points, traits = seen.cloud.points[np.isfinite(seen.cloud.points).all(axis=1)], settings.traits
     surface = fitted_surface(model, settings.cloud)
-    views, mesh = _asked(seen.cloud_views, traits), _mesh(model, start, settings.cloud)
+    views, mesh = _asked(seen.cloud_views, traits), _mesh(model, settings.cloud)
+    vertices, normals = mesh.carried(start)
     away = surface.distance(start, points)
     near = away < settings.cloud.crop_mm * _MM
     objects = away > _OBJECT_M
-    objects[objects] = _is_before(mesh, points[objects], views)
+    objects[objects] = _is_before(vertices, points[objects], views)
     if near.any() and objects[near].mean() > _MOST_HIDDEN:
         objects[:] = False
     points, before = points[near & ~objects], points[objects]
@@ -125,11 +127,11 @@ def see_cloud(
         margin = settings.cloud.crop_mm * _MM
         filled = points
         if _is_doubted(seen.cloud_views, settings.cloud):
-            filled = _lines_of_sight(points, _eye(seen.cloud_views), mesh, margin)
-        emptiness = CloudEmptinessTerm.at_start(
-            filled, mesh, views, objects=before, margin_m=margin
-        )
-        emptiness = _hand_only(emptiness, model)
+            filled = _lines_of_sight(points, _eye(seen.cloud_views), vertices, margin)
+        low, high = vertices.min(axis=0) - margin, vertices.max(axis=0) + margin
+        kept = seen_from(vertices, normals, views, before)
+        distances = distance_map(filled, low, high)
+        emptiness = CloudEmptinessTerm(distances, *_on_hand(model, mesh, kept))
     share = 1.0 if traits.plain_sums else min(1.0, patches / len(points))
     return CloudObservation(
         prepare_cloud(points),
@@ -141,11 +143,11 @@ def see_cloud(
     )
 
 
-def _is_before(mesh: SurfaceMesh, points: Floats, views: Sequence[Floats]) -> Array[N]:
-    """Return which points (N, 3) are of things that hide a part of the mesh from a camera."""
+def _is_before(surface: Floats, points: Floats, views: Sequence[Floats]) -> Array[N]:
+    """Return which points (N, 3) are of things that hide a part of a surface's points from a camera."""
     found = np.zeros(len(points), bool)
     for centre in (centre for view in views for centre in np.atleast_2d(view)):
-        found |= hiding(mesh.vertices, points, centre)
+        found |= hiding(surface, points, centre)
     if not found.any():
         return found
     from scipy.spatial import KDTree
@@ -159,8 +161,18 @@ def fitted_surface(model: ArticulatedModel, chosen: CloudTermSettings) -> Metaba
     return MetaballSurface.of(model, chosen.sharpness_per_mm / _MM, chosen.distance)
 
 
-def _mesh(model: ArticulatedModel, bones: BonePoses, chosen: CloudTermSettings) -> SurfaceMesh:
-    return carried_mesh(model, bones, chosen.sharpness_per_mm / _MM, chosen.distance)
+def _mesh(model: ArticulatedModel, chosen: CloudTermSettings) -> PartMesh:
+    return relaxed_mesh(model, chosen.sharpness_per_mm / _MM, chosen.distance)
+
+
+def _on_hand(
+    model: ArticulatedModel, mesh: PartMesh, kept: Array[V]
+) -> tuple[Ints[N], Floats[N, D3]]:
+    """Return the bones and places of a mesh's vertices that are kept, without the forearm's: a sleeve may hide it anywhere, and where it
+    is bare it is seen anyway.
+    """
+    kept = kept & ~model.is_forearm(mesh.bone)
+    return mesh.bone[kept], np.ascontiguousarray(mesh.local[kept])
 
 
 def _asked(views: Sequence[Floats], traits: Traits) -> Sequence[Floats]:
@@ -178,11 +190,11 @@ def _eye(views: Sequence[Floats]) -> Floats:
     return np.atleast_2d(views[0])[0]
 
 
-def _lines_of_sight(points: Floats, eye: Floats, mesh: SurfaceMesh, margin_m: float) -> Floats:
-    """Return (M, 3) places on the lines from `eye` through points (N, 3), as far as the mesh may be, world [m]."""
+def _lines_of_sight(points: Floats, eye: Floats, surface: Floats, margin_m: float) -> Floats:
+    """Return (M, 3) places on the lines from `eye` through points (N, 3), as far as a surface's points may be, world [m]."""
     out = points - eye
     sight = out / np.linalg.norm(out, axis=1)[:, None]
-    far = np.linalg.norm(mesh.vertices - eye, axis=1)
+    far = np.linalg.norm(surface - eye, axis=1)
     along = np.arange(far.min() - margin_m, far.max() + margin_m, _SIGHT_STEP_M)
     return (eye + sight[:, None] * along[:, None]).reshape(-1, 3)
 
@@ -198,12 +210,6 @@ def _area(points: Floats) -> float:
 def _patch_area(model: ArticulatedModel) -> float:
     """Return the surface [m²] over which the error is the same; a larger hand's parts are broader."""
     return (CLOUD_PATCH_MM * _MM * model.scale.overall) ** 2
-
-
-def _hand_only(term: CloudEmptinessTerm, model: ArticulatedModel) -> CloudEmptinessTerm:
-    """Return E2 without the forearm's points: a sleeve may hide it anywhere, and where it is bare it is seen anyway."""
-    kept = ~model.is_forearm(term.bone)
-    return replace(term, bone=term.bone[kept], local=np.ascontiguousarray(term.local[kept]))
 
 
 def cloud_terms(

@@ -135,10 +135,7 @@ class CloudEvidence:
         self, shape: HandShape, model: ArticulatedModel, params: Floats, middle: Floats
     ) -> Array:
         bones = model.bones(params)
-        points = shape.mesh.carried(bones)
-        rest = model.bones(model.transform.solver_params(shape.joint))
-        turn = np.einsum("bij,bkj->bik", bones.rotation, rest.rotation)[shape.mesh.bone]
-        normals = np.einsum("vij,vj->vi", turn, shape.mesh.normals)
+        points, normals = shape.mesh.carried(bones)
         near = np.linalg.norm(points - middle, axis=1) < shape.reach
         return seen_from(points, normals, self.views) & near & ~model.is_forearm(shape.mesh.bone)
 

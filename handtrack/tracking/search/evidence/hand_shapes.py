@@ -11,7 +11,8 @@ from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import SurfaceMesh, surface_mesh
+from handtrack.model.surfaces.part_mesh import PartMesh
+from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.sampling.suppression import apart
 
 POSTURES = ("open", "curl", "fist", "point")
@@ -50,7 +51,7 @@ class HandShape:
     """of the surface around each point [m²]"""
     spheres: Floats[K, D4]
     """centres and radii of balls that fill the inside [m]"""
-    mesh: SurfaceMesh
+    mesh: PartMesh
     """the same surface, with all of its points, each on its bone"""
     low: Floats[D3]
     """the first node of `field` [m]"""
@@ -118,23 +119,24 @@ def shape_of(model: ArticulatedModel, joint: Floats[S], posture: str) -> HandSha
     reach = REACH_M * model.scale.overall
     surface = MetaballSurface.of(model)
     mesh = surface_mesh(surface, bones, _POINT_M)
-    near = np.linalg.norm(mesh.vertices - middle, axis=1) < reach
-    low, high = mesh.vertices[near].min(axis=0) - 0.03, mesh.vertices[near].max(axis=0) + 0.03
+    vertices, normals = mesh.carried(bones)
+    near = np.linalg.norm(vertices - middle, axis=1) < reach
+    low, high = vertices[near].min(axis=0) - 0.03, vertices[near].max(axis=0) + 0.03
     axes = [np.arange(low[i], high[i], _NODE_M) for i in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     signed = surface.distance(bones, nodes.reshape(-1, 3))
     field = np.abs(signed).reshape(nodes.shape[0], nodes.shape[1], -1)
-    corners = mesh.vertices[mesh.faces]
+    corners = vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(mesh.vertices)
+    area = 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(vertices)
     return HandShape(
         model,
         posture,
         model.joint_params(params),
         middle,
         reach,
-        np.ascontiguousarray(mesh.vertices[near]),
-        np.ascontiguousarray(mesh.normals[near]),
+        np.ascontiguousarray(vertices[near]),
+        np.ascontiguousarray(normals[near]),
         model.is_forearm(mesh.bone[near]),
         area,
         _balls(nodes.reshape(-1, 3), -signed),
