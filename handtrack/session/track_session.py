@@ -44,7 +44,7 @@ class TrackingRequest:
     refine: bool = True
     """all frames are optimised jointly once they are tracked, where the settings ask for it"""
     track_again: bool = True
-    """frames are tracked again where they show another size (`fit_size = "later"`) or forearm than they were tracked with"""
+    """frames are tracked again where they show another forearm than they were tracked with"""
     run: TrackingRun | None = None
     """the run for the person whom the poses were set for; the one that is tracked unless given"""
 
@@ -81,7 +81,7 @@ class SizeFitted:
 
     run: TrackingRun
     after_tracking: bool = False
-    """it was found in the frames tracked before; without `track_again` they stay, and it is an offer"""
+    """it was found in the frames tracked before, which are tracked again with it"""
 
 
 @array_dataclass
@@ -472,17 +472,17 @@ class _Tracking:
             yield SizeFitted(other, after_tracking=True)
         else:
             return
-        if other is run or not request.track_again:
+        if other is run:
             return
         before = run, request, self._results, self._refined
-        self._use(other)
+        self._use(other.with_limits_of(run))
         yield from self._pass()
         if self._stops() or self._problem:
             if self._take is not None:
                 self._take.leave_pass()
             self._run, self._request, self._results, self._refined = before
             self._problem = ""
-            yield Warned("tracking again was not finished: the result is of the first pass.")
+            yield Warned("tracking again was not finished; what was tracked before is kept.")
 
     def _warnings(self) -> Iterator[str]:
         run, results = self._ended_run, list(self._results.values())

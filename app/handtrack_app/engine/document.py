@@ -16,7 +16,7 @@ from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, 
 from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.diagnostics.review import failure_probability
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import pose_names
 from handtrack.observation.pins import Pin
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
@@ -452,10 +452,6 @@ class Document:
         self.saved_masks = self.masks
         """where each camera's masks come from, as session.toml has it"""
         self._read: tuple[SessionFile, dict[str, str]] | None = None
-        self.offered_scale: HandScale | None = None
-        """the size that was fitted after tracking, and is not taken yet"""
-        self.offered_arm_m = run.arm_m
-        """with `offered_scale`"""
 
     @property
     def model(self) -> ArticulatedModel:
@@ -523,8 +519,6 @@ class Document:
         ]
         pins = {e: checked(run.session, v) for (k, e), v in changed.items() if k == "pins"}
         self.state = state
-        if "size" in kinds:
-            self.offered_scale = None
         if run is not self.run or "limits" in kinds:
             self._use(run, resized="size" in kinds)
         if "camera" in kinds:

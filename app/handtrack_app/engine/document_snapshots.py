@@ -78,7 +78,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
     """Return everything the page is built from."""
     session, model = document.run.session, document.model
     driving = {model.parameter_names[s] for s in model.driving_joints}
-    flesh, offered = model.flesh["fine"], document.offered_scale
+    flesh = model.flesh["fine"]
     return SessionSnapshot(
         name=session.name,
         folder=str(session.folder),
@@ -110,10 +110,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         reach_m=model_reach(model),
         live=session.live is not None,
         size_pending=document.size.pending,
-        size=model.scale.overall,
         shape=tuple(shape_numbers(model)),
-        offered_size=None if offered is None else offered.overall,
-        offered_words="" if offered is None else hand_words(document.run.with_scale(offered).model),
     )
 
 

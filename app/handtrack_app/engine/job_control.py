@@ -11,7 +11,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, S
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.pins import Pin
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.posed_frames import keyframe_result
@@ -87,7 +87,7 @@ def tracking_request(
         {f: pose for f, pose in guides.items() if f not in accepted | started},
         both_ends,
         fit_size=document.size.pending,
-        track_again=False,  # another size is offered, and taken where the user wants it
+        track_again=False,  # other takes are of the model that there is
     )
 
 
@@ -191,20 +191,9 @@ def summary(results: Sequence[FrameHead], total: int, by_hand: int, seconds: flo
 
 
 def size_words(run: TrackingRun) -> str:
-    """Return how fitting the size before tracking went."""
+    """Return how fitting the size went."""
     known = hand_words(run.model).removeprefix("hand ")
     return f"The {run.model.kind} is {run.scale.overall:.2f} times an adult's mean{known and f': {known}'}."
-
-
-def offer_words(run: TrackingRun, offered: HandScale | None) -> str:
-    """Return how fitting the size after tracking went. offered: what was found, where it is another."""
-    size = run.scale.overall
-    if offered is None:
-        return f"No tracked frame measures it better: it stays {size:.2f} times the adult mean."
-    return (
-        f"The {run.model.kind} is {offered.overall:.2f} times an adult's mean; it was tracked with {size:.2f}. In the tab "
-        "Track, 'Track again' takes the new size."
-    )
 
 
 def moved_words(moves: Mapping[int, float]) -> str:
@@ -300,7 +289,6 @@ class JobControl:
         """what is told of frames in the end; without their arrays, for there may be many"""
         self._latest: dict[int, FrameResult] = {}  # frames that may come again
         self._moves: dict[int, float] = {}
-        self._offered: SizeFitted | None = None  # fitted after tracking
         self._refined_with: RefinedWith | None = None  # the latest
         self._given = RefinedWith.of(document)  # when the pass began
         self._shared = -1.0
@@ -434,21 +422,6 @@ class JobControl:
             )
         self.begin("sizing", partial(jobs.fit_size, run=self._document.run))
 
-    @command(job=True, files=True)
-    def take_size(self, first: int) -> None:
-        """Take the size that was fitted after tracking, and track everything again from the pose at `first`."""
-        self._prepare()
-        document = self._document
-        if document.offered_scale is None:
-            raise HandtrackError(
-                "No size was fitted since the last tracking: there is none to take."
-            )
-        arm = edits.arm(document, document.offered_arm_m)
-        self._store.do("Size", in_turn(edits.size(document.offered_scale), arm))
-        self._publish(session_snapshot(document))
-        anew = first == document.first_frame and first not in document.by_hand
-        self.track(document.frames.start, document.frames.stop, first, anew)
-
     @command(job=True)
     def find_hand(self, frame: int | None, fetch: bool = False) -> None:
         """Detect the hand without a first pose, in one frame, or in the surest of several (None). fetch: get the detector's networks
@@ -491,7 +464,6 @@ class JobControl:
         job = BackgroundJob(kind, work, self._post, request, is_live)
         self._job, self._outcomes, self._latest = job, {}, {}
         self._moves, self._given = {}, RefinedWith.of(self._document)
-        self._offered = None
         self._compiled_before = self._ticked = self._compiles.count
         job.start()
         self.show_progress()
@@ -511,8 +483,8 @@ class JobControl:
                 self._pass_began(job, began)
             case FramesRefined() as refined:
                 self._refined(job, refined)
-            case SizeFitted() as sized:
-                self._sized(sized)
+            case SizeFitted(run):
+                self._sized(run)
             case Warned(text):
                 self._publish(Notice.about_recording(text))
             case list():
@@ -586,24 +558,12 @@ class JobControl:
         self._refined_with = replace(self._given, spans=document.state.spans)
         self._publish(timeline_change(document))
 
-    def _sized(self, sized: SizeFitted) -> None:
-        document, run = self._document, sized.run
-        if sized.after_tracking:
-            self._offered = sized  # once tracking has ended
-            return
+    def _sized(self, run: TrackingRun) -> None:
+        document = self._document
         self._store.do("Size", in_turn(edits.size(run.scale), edits.arm(document, run.arm_m)))
         self._publish(session_snapshot(document))
         self._publish(pose_snapshot(document))
         self._publish(Notice("done", "Size fitted", size_words(document.run)))
-
-    def _offer(self, run: TrackingRun) -> None:
-        """Offer the size that tracked frames show; they stay as they are until the user takes it."""
-        document, offered = self._document, None
-        if run.scale != document.run.scale:
-            document.offered_scale, document.offered_arm_m = run.scale, run.arm_m
-            self._publish(session_snapshot(document))
-            offered = run.scale
-        self._publish(Notice("done", "Size fitted", offer_words(document.run, offered)))
 
     def _found(self, candidates: list[FirstPoseCandidate]) -> None:
         if not candidates:
@@ -629,8 +589,6 @@ class JobControl:
         said = end_words(job, end, document, list(self._outcomes.values()), self._moves, self._live)
         if said is not None:
             self._publish(said)
-        if self._offered is not None and not end.cancelled:
-            self._offer(self._offered.run)
         self.show_progress()
 
     def tick(self) -> None:

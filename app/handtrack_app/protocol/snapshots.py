@@ -273,14 +273,8 @@ class SessionSnapshot:
     """whether its frames come from running cameras"""
     size_pending: bool = False
     """the hand's size is still to be fitted"""
-    size: float = 1.0
-    """of a mean adult's; that of the model in force"""
     shape: tuple[ShapeNumber, ...] = ()
     """of the model's person, number by number"""
-    offered_size: float | None = None
-    """likewise, fitted after tracking and not taken yet"""
-    offered_words: str = ""
-    """its length, how well that is known, and whether people have such hands"""
 
 
 class Hold(NamedTuple):

@@ -184,30 +184,16 @@ def sized_later(tmp_path):
         yield worker, listener
 
 
-def _offered(listener):
-    return listener.wait(snapshots.SessionSnapshot, lambda s: s.offered_size is not None)
-
-
-def _finished(listener):
-    return sum(notice.title == "Tracking finished" for notice in listener.notices)
-
-
-def test_the_size_is_fitted_after_tracking_and_offered(sized_later):
+def test_the_size_is_fitted_after_tracking_and_all_is_tracked_again(sized_later):
     worker, listener = sized_later
     worker.engine.set_pose(8, pose_with(listener, index_mcp_flex=0.3), 1)
     worker.engine.track(0, FRAMES, 3, anew=True)
-    offer = _offered(listener)
-    assert (offer.size, offer.offered_size, offer.size_pending) == (1.0, 1.1, True)
-    assert listener.notices[0].title == "Tracking finished"
-    listener.told("it was tracked with 1.00")
-    assert worker.document.run.scale == HandScale(1.0), "what was tracked keeps its size"
-
-    worker.engine.take_size(8)
-    listener.wait(snapshots.SessionSnapshot, lambda s: s.size == 1.1)
-    eventually(lambda: _finished(listener) == 2, "everything is tracked again")
+    listener.told("Tracking finished")
+    titles = [notice.title for notice in listener.notices]
+    assert titles == ["Size fitted", "Tracking finished"]
     document = worker.document
-    assert document.run.scale == HandScale(1.1)
-    assert (document.size.pending, document.offered_scale) == (False, None)
+    assert document.run.scale == HandScale(1.1) and not document.size.pending
+    assert [span.take for span in document.laid][-1] == 2, "all is tracked again with it"
     assert sorted(document.results) == [f for f in range(FRAMES) if f != 8]
     index = document.model.parameter_names.index("index_mcp_flex")
     assert document.by_hand[8][index] == pytest.approx(0.3), "a pose set by hand is not lost"

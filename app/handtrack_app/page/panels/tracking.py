@@ -21,7 +21,6 @@ from handtrack_app.protocol.snapshots import (
 )
 
 _SIZE = "model.fit_size"
-_AGAIN: tuple[str, ...] = ("from the first pose", "from this frame")
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class TrackingPanel:
         self._show_size()
 
     def __post_init__(self) -> None:
-        page, gui, session = self.page, self.page.gui, self.session
+        page, session = self.page, self.session
         last = max(session.stop - 1, session.start + 1)
         with self.tab:
             self.pause = page.button("Pause", self.pause_or_go_on, "player-pause", visible=False)
@@ -78,10 +77,8 @@ class TrackingPanel:
             self.starters = [begin, here]
             self.later = page.check(
                 page.say("Fit the {kind}'s size later"), False, self._put_off,
-                "Track at once. The size is fitted afterwards, to what was tracked; then all can be tracked again.", visible=False,
+                "Track at once; then fit the size to what was tracked, and track all again with it.", visible=False,
             )  # fmt: skip
-            self.sized = gui.add_html("", visible=False)
-            self.again = page.buttons("Track again", _AGAIN, self._again, visible=False)
             if not session.live:
                 self._add_range(session, last)
             hint = "Show the newest images; posing the {kind} halts them." if session.live else "Show each frame as it is tracked."  # fmt: skip
@@ -176,25 +173,13 @@ class TrackingPanel:
         self.page.engine.pause(self.progress.state != "paused")
 
     def _show_size(self) -> None:
-        """Offer to put the size's fit off while it is to be done, and the size that was fitted so."""
-        session, busy = self.session, self.progress.state != "idle"
-        put(self.later, visible=session.size_pending and not busy)
-        put(self.later, value=session.settings.get(_SIZE) == "later")
-        offered = session.offered_size
-        put(self.again, visible=offered is not None and not busy)
-        put(self.sized, visible=offered is not None)
-        if offered is not None:
-            put(self.sized, content=size_words(session.size, offered, session.offered_words))
+        """Offer to put the size's fit off while it is to be done."""
+        visible = self.session.size_pending and self.progress.state == "idle"
+        put(self.later, visible=visible, value=self.session.settings.get(_SIZE) == "later")
 
     def _put_off(self, on: bool) -> None:
         words = self.page.say(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
         self.page.engine.set_setting(_SIZE, "later" if on else "true", words)
-
-    def _again(self, where: str) -> None:
-        from_here = where == _AGAIN[1]
-        self.page.play(False)
-        self.page.engine.take_size(self.page.state.frame if from_here else self.session.first_frame)
-        self._follow(True)
 
     def _name_range(self) -> None:
         """The slider itself shows no numbers: they stand in its label."""
@@ -267,16 +252,6 @@ def progress_words(progress: ProgressSnapshot) -> str:
     if progress.state in ("tracking", "preparing") and progress.eta_s > 0:
         words += f", {duration(progress.eta_s)} left"
     return words
-
-
-def size_words(before: float, after: float, known: str) -> str:
-    """Return what is offered once the hand's size is fitted after tracking. known: its length, and how well that is known."""
-    known = f" ({html.escape(known)})" if known else ""
-    return (
-        "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4'>The size is fitted: "
-        f"<b>{after:.3f}</b> of a mean adult's{known}. Tracked so far with {before:.3f}. <i>Track again</i> takes it; poses set "
-        "by hand stay.</div>"
-    )
 
 
 def duration(seconds: float) -> str:
