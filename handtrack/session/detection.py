@@ -123,8 +123,8 @@ class JointDetection:
         for view in self.views:
             _check_folder(session.folder, view.name)
 
-    def step(self, frame: int) -> dict[str, dict[int, DetectedHand]]:
-        """Look for hands in all images of a frame; return by camera those that were found, whose ever they are, by their numbers."""
+    def step(self, frame: int) -> None:
+        """Look for hands in all images of a frame."""
         self._seen[frame] = {}
         for view in self.views:
             own = view.own_frame(frame)
@@ -133,7 +133,6 @@ class JointDetection:
             if image is not None and own is not None:
                 self._seen[frame][view.name] = hands
                 self._own[view.name][frame] = own
-        return self._seen[frame]
 
     def write(self) -> list[CameraDetection]:
         """Write a file for every image that was looked at, with the session's hand or none; return what was found."""

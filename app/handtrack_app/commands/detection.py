@@ -42,11 +42,9 @@ from handtrack.session.session_file import CloudSettings
 from handtrack.session.sources.clouds import StereoClouds
 from handtrack_app.commands.terminal.output import answer, note, progress_bar, say, stoppable
 from handtrack_app.commands.terminal.track_options import parse_frames
-from handtrack_app.start.import_progress import preview
 
 _MOST = 0.5
 """share of a camera's images in which its joints must be for its masks to be made by them, as for `new`"""
-_PREVIEW_S = 2.0
 _SEEDED = '{ method = "seeded" }'
 
 
@@ -60,16 +58,12 @@ def detect(args: argparse.Namespace) -> int:
     if args.every < 1:
         raise HandtrackError(f"--every {args.every}: expected a whole number from 1.")
     frames = parse_frames(args.frames, session.frame_range, session.folder)[:: args.every]
-    started = next_look = time.monotonic()
+    started = time.monotonic()
     with stoppable() as stop, progress_bar(len(frames), "detecting") as bar:
         for frame in frames:
             if stop():
                 break
-            seen = detection.step(frame)
-            if time.monotonic() > next_look:
-                for view in detection.views:
-                    preview(view, frame, seen.get(view.name, {}).values())
-                next_look = time.monotonic() + _PREVIEW_S
+            detection.step(frame)
             bar.update()
         stop.shielded = True
         found = detection.write()

@@ -9,24 +9,17 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from urllib.parse import quote, unquote
 
 import cv2
 import numpy as np
 
 from handtrack.arrays import D2, D3, Bytes, Floats, H, N, W
-from handtrack.detector.hand_detector import DetectedHand
-from handtrack.files.atomic import replacing
 from handtrack.session.session import Session
-from handtrack.session.sources.views import View
 from handtrack_app.page.html import text
 
-PREVIEW = "HANDTRACK_PREVIEW"
-"""the environment variable by which a command is told the folder for its pictures"""
 _BAR = re.compile(r"^\w+:\s+(\d+)%\|.*?[\d:]+<([\d:]+|\?)")
 """of tqdm: what is done, how much of it, and the time that is left"""
 _STEPS = {"looking for the first pose": "Find first pose", "detecting": "Detect joints", "sizing": "Fit size", "tracking": "Track", "refining": "Refine"}  # fmt: skip
@@ -86,27 +79,6 @@ def joints_found(folder: Path) -> dict[str, Bytes[H, W, D3]]:
     }
 
 
-def preview(view: View, frame: int, hands: Iterable[DetectedHand]) -> None:
-    """While hands are detected: leave a camera's picture for the page that shows how far it is, if one does."""
-    folder = os.environ.get(PREVIEW)
-    image = None if folder is None else view.image(frame)
-    if folder is None or image is None:
-        return
-    picture = small_picture(image, [hand.points for hand in hands])
-    with suppress(OSError), replacing(Path(folder) / f"{quote(view.name, safe='')}.png") as path:
-        cv2.imwrite(str(path), picture)
-
-
-def previews(folder: Path) -> dict[str, Bytes[H, W, D3]]:
-    """Return by camera the pictures that `preview` left."""
-    pictures = (
-        (unquote(path.stem), cv2.imread(str(path))) for path in sorted(folder.glob("[!.]*.png"))
-    )
-    return {
-        name: np.asarray(picture, np.uint8) for name, picture in pictures if picture is not None
-    }
-
-
 def small_picture(image: Bytes[H, W, D3], joints: Iterable[Floats[N, D2]] = ()) -> Bytes[H, W, D3]:
     """Return an image small, with joints [px] as points."""
     scale = _HIGH / image.shape[0]
@@ -131,14 +103,9 @@ class Program:
         args: Sequence[str],
         tell: Callable[[str], None],
         end: Callable[[int], None],
-        environment: Mapping[str, str],
     ) -> None:
-        """Start it. tell: is called with each line, end: with the exit code, both on a thread of its own; environment: variables beside ours."""
-        environment = {
-            **os.environ,
-            **environment,
-            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-        }
+        """Start it. tell: is called with each line, end: with the exit code, both on a thread of its own."""
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _ITSELF, *args],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,

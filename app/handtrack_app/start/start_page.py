@@ -30,11 +30,9 @@ from handtrack_app.page.page import put
 from handtrack_app.page.panels.view import colours, welcome
 from handtrack_app.start.found_files import CALIBRATIONS, VIDEOS, FoundFiles, find_files
 from handtrack_app.start.import_progress import (
-    PREVIEW,
     ImportProgress,
     Program,
     joints_found,
-    previews,
     small_picture,
 )
 from handtrack_app.start.recent import recent_sessions
@@ -381,17 +379,14 @@ class StartPage:
         """Run a command in place of the form. out: the session that it makes, which is offered if it ends early."""
         if self._program is not None:
             raise HandtrackError("a command is running: wait for it, or cancel it.")
-        progress, seen = ImportProgress(title), TemporaryDirectory(prefix="handtrack-")
+        progress = ImportProgress(title)
         self._show_running(True)
         put(self.open_done, visible=False)
         put(self.pictures, visible=False)
         self.output.content = progress.words()
 
         def tell(line: str) -> None:
-            began = progress.hear(line)
-            if found := previews(Path(seen.name)):
-                self._show_pictures(found)
-            elif began and out is not None:
+            if progress.hear(line) and out is not None:
                 self._draw(partial(self._show_joints, out))
             self.output.content = progress.words()
             put(
@@ -402,7 +397,6 @@ class StartPage:
 
         def end(code: int) -> None:
             self._program = None
-            seen.cleanup()
             self._show_running(False)
             progress.title = "Done." if code == 0 else "It was refused:" if code == 2 else "It ended early:"  # fmt: skip
             said = [line.replace("--world-unit-m", "'Unit in metres' under 'More'") for line in progress.lines]  # fmt: skip
@@ -413,7 +407,7 @@ class StartPage:
                 self._out = out
                 put(self.open_done, visible=True)
 
-        self._program = Program(args, tell, end, {PREVIEW: seen.name})
+        self._program = Program(args, tell, end)
 
     def _show_running(self, on: bool) -> None:
         put(self.cancel, visible=on)
@@ -424,11 +418,8 @@ class StartPage:
     def _show_joints(self, out: Path) -> None:
         """Show each camera's picture, with the joints that were detected in it."""
         with suppress(HandtrackError, OSError):
-            self._show_pictures(joints_found(out))
-
-    def _show_pictures(self, made: dict[str, Bytes[H, W, D3]]) -> None:
-        self.pictures.content = pictures({name: _picture(one, name) for name, one in made.items()})
-        put(self.pictures, visible=True)
+            shown = {name: _picture(one, name) for name, one in joints_found(out).items()}
+            put(self.pictures, content=pictures(shown), visible=True)
 
     def _cancel(self) -> None:
         if self._program is not None:
