@@ -253,8 +253,7 @@ def camera_of(
         distortions,
         rotation,
         translation,
-        any(models),
-        lens_open,
+        None if lens_open else any(models),
     )
 
 

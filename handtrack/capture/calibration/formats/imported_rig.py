@@ -49,15 +49,14 @@ class ImportedCamera:
     rotation: Floats[D3, D3]
     translation: Floats[D3]
     """in the file's unit."""
-    fisheye: bool = False
-    """whether the distortions are cv2.fisheye's k1 k2 k3 k4, of the angle from the axis."""
-    lens_open: bool = False
-    """whether its four coefficients may be k1 k2 p1 p2 or a fisheye's k1 k2 k3 k4: the file does not say which."""
+    fisheye: bool | None = False
+    """whether the distortions are cv2.fisheye's k1 k2 k3 k4, of the angle from the axis; None: four that may be these or k1 k2 p1 p2,
+    the file does not say which."""
 
     @property
     def needs_view(self) -> bool:
         """Whether its images must be brought into a pinhole's before they are tracked: a fisheye's, or with skew."""
-        return self.fisheye or abs(self.matrix[0, 1]) > _SKEW * self.matrix[0, 0]
+        return bool(self.fisheye) or abs(self.matrix[0, 1]) > _SKEW * self.matrix[0, 0]
 
     def without_lens(self) -> ImportedCamera:
         """Return a pinhole at its place that looks where it does."""

@@ -125,7 +125,7 @@ def with_lens(rig: ImportedRig, lens: str | None, where: str) -> ImportedRig:
 
     Raises HandtrackError where it is open and nobody says it, and for a fisheye's coefficients that are not four.
     """
-    names = [f"camera '{c.name or i}'" for i, c in enumerate(rig.cameras) if c.lens_open]
+    names = [f"camera '{c.name or i}'" for i, c in enumerate(rig.cameras) if c.fisheye is None]
     if names and lens is None:
         raise HandtrackError(
             f"{where}: four distortion coefficients of {', '.join(names)}, and the file does not say of which lens model. Of the "
@@ -142,7 +142,7 @@ def with_lens(rig: ImportedRig, lens: str | None, where: str) -> ImportedRig:
                 "cv2.fisheye."
             )
     said = lens == "fisheye"
-    cameras = (replace(c, fisheye=said, lens_open=False) if c.lens_open else c for c in rig.cameras)
+    cameras = (replace(c, fisheye=said) if c.fisheye is None else c for c in rig.cameras)
     return replace(rig, cameras=tuple(cameras))
 
 
@@ -177,7 +177,7 @@ def pinholes(
             if camera.fisheye
             else five_or_more(bent)
         )
-        lens = SourceLens(camera.size, camera.matrix, bent, camera.fisheye)
+        lens = SourceLens(camera.size, camera.matrix, bent, bool(camera.fisheye))
         tiles = pinhole_views(lens, regions.get(name))
         for i, view in enumerate(tiles):
             tile = name if len(tiles) == 1 else f"{name}_{i + 1}"
