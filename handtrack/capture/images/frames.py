@@ -163,10 +163,7 @@ class DerivedFrames:
     ) -> None:
         """read: gives the image of a frame. size: width, height [px] of these images, where they have another than the source's."""
         self.source, self._read, self._size = source, read, size
-
-    @property
-    def where(self) -> str:
-        return self.source.where
+        self.where = source.where
 
     @property
     def size(self) -> tuple[int, int] | None:
@@ -212,13 +209,9 @@ class ImageFiles:
         self._files = dict(enumerate(paths)) if in_order else files_by_frame(paths)
         self._kind = kind
         self._expected_size = expected_size
-        self._where = where
+        self.where = where or next((str(path.parent) for path in self._files.values()), "")
         self._notes = FrameNotes()
         self._looked_closer = False
-
-    @property
-    def where(self) -> str:
-        return self._where or (str(next(iter(self._files.values())).parent) if self._files else "")
 
     @property
     def size(self) -> tuple[int, int] | None:

@@ -136,7 +136,7 @@ class VideoFile:
         audit: VideoAudit | None = None,
     ) -> None:
         self.path = Path(path)
-        self._where = where or str(path)
+        self.where = where or str(path)
         self._lock, self._counting = threading.RLock(), threading.Lock()
         self._cache = LRUCache[int, Array]()
         self._audit = audit
@@ -144,30 +144,22 @@ class VideoFile:
         self._capture = self._open()
         sides = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
         width, height = (int(self._capture.get(side)) for side in sides)
-        check_announced((width, height), expected_size, self._where)
+        check_announced((width, height), expected_size, self.where)
         self._next = 0  # decode index of the frame that the next grab gives
         first = self._decode_next()
         if first is None:
             raise HandtrackError(
-                f"{self._where}: no frame can be decoded; the video is damaged or empty."
+                f"{self.where}: no frame can be decoded; the video is damaged or empty."
             )
-        check_size(first, expected_size, self._where)
+        check_size(first, expected_size, self.where)
         self._announced = announced_frames(self._capture)
-        self._size = (first.shape[1], first.shape[0])
+        self.size = (first.shape[1], first.shape[0])
         self._keep = max(8, _CACHE_BYTES // first.nbytes)
         self._remember(0, first)
         self.nominal_fps = float(self._capture.get(cv2.CAP_PROP_FPS))
         """what the container says [1/s]; 0 when it says nothing."""
         turn = int(self._capture.get(cv2.CAP_PROP_ORIENTATION_META))
         self._turned = (_TURNED.format(turn),) if turn in (90, 180, 270) else ()
-
-    @property
-    def where(self) -> str:
-        return self._where
-
-    @property
-    def size(self) -> tuple[int, int] | None:
-        return self._size
 
     @property
     def frames(self) -> range:
@@ -203,7 +195,7 @@ class VideoFile:
     def warnings(self) -> tuple[str, ...]:
         known = self.audit
         found = self._turned if known is None else (*self._turned, *known.oddities)
-        return tuple(f"{self._where}: {text}" for text in found)
+        return tuple(f"{self.where}: {text}" for text in found)
 
     def has(self, frame: int) -> bool:
         return frame in self.frames
@@ -230,13 +222,13 @@ class VideoFile:
             self._next = 1 << 62  # any frame lies before: the next read rewinds
 
     def _open(self) -> cv2.VideoCapture:
-        check_container(self.path, self._where)
+        check_container(self.path, self.where)
         capture = cv2.VideoCapture(
             str(self.path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_MS]
         )
         if not capture.isOpened():
             raise HandtrackError(
-                f"{self._where}: cannot be opened as a video. Its codec is unknown, it is damaged, or it was cut off before its "
+                f"{self.where}: cannot be opened as a video. Its codec is unknown, it is damaged, or it was cut off before its "
                 "index was written; re-encode it (for instance with ffmpeg) or record again."
             )
         return capture

@@ -339,14 +339,7 @@ class LiveImages:
 
     def __init__(self, feed: LiveFeed, camera: LiveCamera) -> None:
         self._feed, self._camera = feed, camera
-
-    @property
-    def where(self) -> str:
-        return self._camera.where
-
-    @property
-    def size(self) -> tuple[int, int] | None:
-        return self._camera.size
+        self.where, self.size = camera.where, camera.size
 
     @property
     def frames(self) -> range:
