@@ -8,14 +8,15 @@ from handtrack.arrays import D3, Array, H, W
 from handtrack.detector.hand_detector import DetectedHand, HandDetector
 
 _LOOK_EVERY = 10  # images between looks for hands that are not followed: a tenth more work
+_MOST = 2  # hands of one person
 _SAME = 0.15  # of the region's side: hands whose points are nearer in the median are one
 
 
 class HandFollower:
-    """Follows up to `most` hands in the images of one view; each has a number for as long as it is followed."""
+    """Follows up to two hands in the images of one view; each has a number for as long as it is followed."""
 
-    def __init__(self, detector: HandDetector, most: int = 2) -> None:
-        self._detector, self._most = detector, most
+    def __init__(self, detector: HandDetector) -> None:
+        self._detector = detector
         self._hands: dict[int, DetectedHand] = {}
         self._next_number = 0
         self._since_look = 0
@@ -30,14 +31,14 @@ class HandFollower:
         for number, last in before.items():
             self._take(number, self._detector.hand(image, last.region))
         self._since_look += 1
-        if not self._hands or (self._since_look >= _LOOK_EVERY and len(self._hands) < self._most):
+        if not self._hands or (self._since_look >= _LOOK_EVERY and len(self._hands) < _MOST):
             self._look(image)
         return dict(self._hands)
 
     def _look(self, image: Array[H, W, D3]) -> None:
         self._since_look = 0
-        for region in self._detector.find(image, self._most):
-            if len(self._hands) < self._most and self._take(
+        for region in self._detector.find(image, _MOST):
+            if len(self._hands) < _MOST and self._take(
                 self._next_number, self._detector.hand(image, region)
             ):
                 self._next_number += 1

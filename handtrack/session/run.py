@@ -42,7 +42,6 @@ from handtrack.tracking.frame.confidence import FrameConfidence, OutlineFit, ass
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -219,9 +218,8 @@ class TrackingRun:
 
     def with_clouds(self, clouds: CloudSettings | None) -> TrackingRun:
         """Return the run with other settings of [clouds]. Raises HandtrackError when they cannot be used."""
-        if clouds is not None:
-            clouds = replace(clouds, by_method=METHODS[self.settings.method].clouds)
-        return replace(self, session=self.session.with_clouds(clouds))
+        session = self.session.with_clouds(clouds).as_tracked_by(self.settings)
+        return replace(self, session=session)
 
     @property
     def notes(self) -> list[str]:

@@ -232,22 +232,17 @@ class Session:
         return self._measured.value(frame, lambda: read(frame), most_clouds)
 
     def cloud(
-        self,
-        frame: int,
-        hand_distance: HandDistance | None = None,
-        filters: CloudFilters | None = None,
+        self, frame: int, hand_distance: HandDistance | None = None
     ) -> tuple[PointCloud | None, tuple[FilterReport, ...]]:
         """Return the hand's points of a frame, and what each filter did.
 
         hand_distance: points (N, 3) → distance (N,) [m] to the hand of the frame before, for the
-        crop. filters: instead of those of session.toml. Not kept.
+        crop. Not kept.
         """
         measured = self.measured_cloud(frame)
         if measured is None or self._clouds is None:
             return None, ()
-        return (filters or self.cloud_filters).apply(
-            measured, hand_distance, self._clouds.camera_centres
-        )
+        return self.cloud_filters.apply(measured, hand_distance, self._clouds.camera_centres)
 
     @property
     def cloud_camera_centres(self) -> Floats[C, D3] | None:

@@ -55,12 +55,10 @@ def test_the_crop_needs_the_hand_of_the_frame_before(folder, rng):
     seen = session.observation(0, hand_distance=lambda p: np.abs(p[:, 0])).cloud
     assert_array_equal(seen.points, near.points)
     assert np.abs(session.cloud(0)[0].points[:, 0]).max() > 0.04
-    every, reports = session.cloud(
-        0,
-        filters=CloudFilters(
-            None, None, None, voxel_m=None, outlier_neighbours=None, max_points=None
-        ),
+    session.cloud_filters = CloudFilters(
+        None, None, None, voxel_m=None, outlier_neighbours=None, max_points=None
     )
+    every, reports = session.cloud(0)
     assert (len(every), reports) == (3000, ())
     assert session.cloud(2) == (None, ())
 

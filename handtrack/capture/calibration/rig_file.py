@@ -42,18 +42,18 @@ def read_rig(path: Path, world_unit_m: float = 1.0) -> CameraRig:
         raise HandtrackError(f"{path}: {error}") from None
 
 
-def write_rig(path: Path, rig: CameraRig, world_unit_m: float = 1.0) -> None:
-    """Write a rig in the same form; translations are divided by world_unit_m [m]."""
+def write_rig(path: Path, rig: CameraRig) -> None:
+    """Write a rig in the same form, in metres."""
     import tomlkit  # slow to import, and most commands only read
 
-    tables = {f"cam_{index}": _table(camera, world_unit_m) for index, camera in enumerate(rig)}
+    tables = {f"cam_{index}": _table(camera) for index, camera in enumerate(rig)}
     text = tomlkit.dumps({**tables, "metadata": {"adjusted": False}})
     Path(path).write_text(text, encoding="utf-8")
 
 
 def rig_json(rig: CameraRig) -> str:
     """Return the cameras as JSON: a list of the tables that a calibration file has, translations in metres."""
-    return json.dumps([_table(camera, 1.0) for camera in rig])
+    return json.dumps([_table(camera) for camera in rig])
 
 
 def rig_from_json(text: str, where: str) -> CameraRig:
@@ -69,14 +69,14 @@ def rig_from_json(text: str, where: str) -> CameraRig:
     return CameraRig(tuple(_camera(t, f"{where}, camera {i}", 1.0) for i, t in enumerate(tables)))
 
 
-def _table(camera: Camera, world_unit_m: float) -> dict[str, Any]:
+def _table(camera: Camera) -> dict[str, Any]:
     return {
         "name": camera.name,
         "size": list(camera.size),
         "matrix": camera.matrix.tolist(),
         "distortions": camera.distortions.tolist(),
         "rotation": rotation_vector(camera.rotation).tolist(),
-        "translation": (camera.translation / world_unit_m).tolist(),
+        "translation": camera.translation.tolist(),
     }
 
 
