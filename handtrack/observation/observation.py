@@ -121,10 +121,11 @@ class Silhouette:
         object.__setattr__(self, "mask", mask)
         if len(self.valid) and not self.camera.is_distorted:
             return
-        maps = lens_maps(self.camera)
-        unsure = maps.straightened((mask == UNKNOWN).astype(np.float32)) > 0
+        maps, unknown = lens_maps(self.camera), mask == UNKNOWN
         mask = maps.straightened(np.maximum(mask, np.float32(0.0)))
-        object.__setattr__(self, "mask", np.where(unsure, UNKNOWN, mask))
+        if unknown.any():
+            mask[maps.straightened(unknown.astype(np.float32)) > 0] = UNKNOWN
+        object.__setattr__(self, "mask", mask)
         object.__setattr__(self, "camera", maps.camera)
         if not len(self.valid):
             object.__setattr__(self, "valid", maps.valid)
@@ -330,15 +331,10 @@ def undistort_silhouette(
     distortion the mask passes unchanged. unknown: the mask's value where nobody can tell; nor can
     anybody of an undistorted pixel to which one of them adds.
     """
-    width, height = camera.size
-    check_shape(mask, (height, width), f"mask of camera '{camera.name}'")
-    maps = lens_maps(camera, roi)
-    coverage = maps.straightened(mask.astype(np.float32) / np.float32(255))
+    coverage = mask.astype(np.float32) / np.float32(_BYTE)
     if unknown is not None:
-        unsure = maps.straightened((mask == unknown).astype(np.float32))
-        coverage[unsure > 0] = UNKNOWN
-    coverage.flags.writeable = False
-    return Silhouette(maps.camera, coverage, maps.valid)
+        coverage[mask == unknown] = UNKNOWN
+    return Silhouette(camera, coverage, lens_maps(camera, roi).valid)
 
 
 def undistort_image(camera: Camera, pixels: Array[H, W, *Axes]) -> ImageView:

@@ -14,7 +14,7 @@ from handtrack.simulation.motion_files.clip import MotionClip
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors.priors import body_priors
+from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
 from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
 from handtrack.tracking.size.estimate import fit_size
 
@@ -82,7 +82,7 @@ def known_joints(positions: Floats[F, J, D3]) -> Ints[F]:
 
 def body_problem(model: ArticulatedModel, seen: Keypoints) -> Problem:
     """Return joints to be met, with a weak pull to rest that settles what they leave open; nothing keeps parts apart."""
-    return Problem(model, [KeypointTerm(model, seen)], body_priors(model))
+    return Problem(model, [KeypointTerm(model, seen)], pose_priors(model, points_rest(model), 0.0))
 
 
 def retarget_errors(

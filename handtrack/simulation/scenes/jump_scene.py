@@ -18,7 +18,8 @@ from handtrack.sampling.interpretation_tree import InterpretationTree, interpret
 from handtrack.sampling.polish import Polished, polish
 from handtrack.solver.covariance import covariance
 from handtrack.terms.collision import CollisionTerm
-from handtrack.terms.priors.priors import GaussianPrior, body_priors
+from handtrack.terms.term import ParameterTerm
+from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
 
 LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
 KJS1 = ("left_arm", "right_arm", "left_leg")
@@ -41,7 +42,7 @@ class JumpScene:
     model: ArticulatedModel
     camera: Camera
     seen: ImageKeypoints
-    priors: list[GaussianPrior]
+    priors: list[ParameterTerm]
     collision: CollisionTerm | None
     """the prior that parts do not pass through each other"""
     start: Floats[P]
@@ -144,7 +145,8 @@ def jump_scene(seed: int, collision: bool = True) -> JumpScene:
     points = model.joint_positions(model.bones(truth))[chosen]
     pixels = camera.project(points) + NOISE_PX * rng.normal(size=(len(names), 2))
     seen = ImageKeypoints(camera, names, pixels, 1.0)
-    priors, apart = body_priors(model), CollisionTerm.of(model) if collision else None
+    priors = pose_priors(model, points_rest(model), 0.0)
+    apart = CollisionTerm.of(model) if collision else None
     empty = np.zeros((len(truth), len(truth)))
     scene = JumpScene(model, camera, seen, priors, apart, truth, empty)
     found = scene.polished(truth[None])

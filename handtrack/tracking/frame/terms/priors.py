@@ -90,7 +90,7 @@ SEARCH_REST_RAD = np.deg2rad(50.0)
 """width of the pull to the relaxed hand while a search compares poses: half a finger's range; `bench auto_start`"""
 POINTS_REST_RAD, _BODY_REST_RAD = np.deg2rad(40.0), np.deg2rad(80.0)
 """the same where a pose is fitted to 21 points, which leave only a finger's turn about itself open; of a body, whose joints go further, as
-weak as in `body_priors`"""
+weak as in tracking"""
 
 
 def points_rest(model: ArticulatedModel) -> float:
@@ -104,7 +104,7 @@ def pose_priors(
     posture: float = 1.0,
     posture_loss: Loss | None = None,
 ) -> list[ParameterTerm]:
-    """Return the priors of a pose by itself: relaxed, stabilised, joints that go together.
+    """Return the priors of a pose by itself: relaxed; hard-to-measure freedoms, such as the clavicles', near rest; joints that go together.
 
     rest_rad: standard deviation of joint angles from the relaxed hand's; 0 leaves that prior out. posture: strength of
     what is known of joints that go together; posture_loss: how it counts where it does not hold.
