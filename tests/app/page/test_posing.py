@@ -6,11 +6,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import load_model
-from handtrack.files.user_folder import user_data_folder
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.engine import tuning_service
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
-from handtrack_app.page.panels.pose import CopiedPose
 from handtrack_app.page.pins.grips import WholeDrag, hold_at
 from handtrack_app.protocol import snapshots
 from tests.app.fake_run import fake_document
@@ -97,7 +95,7 @@ def test_a_pose_is_copied_and_pasted_by_keys(bench, page):
     eventually(lambda: panel.pose is not None and panel.pose.origin == "set", "pointing")
     point = _pose(bench)
     page.press("Copy the pose")
-    eventually(lambda: "frame 3" in panel.copies.line.content, "told")
+    eventually(lambda: "frame 3" in panel.copied_from.content, "told")
     bench.go_to(9)
     eventually(lambda: _pose(bench).frame == 9, "another frame")
     bench.engine.take_pose(9, "fist", bench.state.begin_edit())
@@ -185,32 +183,9 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(be
     eventually(lambda: page.number not in grips._grips, "free views turn by a drag")
 
 
-def copied_of(model):
-    names = load_model(model).parameter_names
-    return CopiedPose("a", 7, {name: 0.01 * i for i, name in enumerate(names)})
-
-
-def test_a_copied_pose_is_kept_for_the_page_of_another_recording():
-    assert CopiedPose.read() is None
-    copied_of("hand26").write()
-    assert CopiedPose.read() == copied_of("hand26")
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "[]", "{}", '{"session": "", "frame": 1, "parameters": [1]}',
-     '{"session": "", "frame": 1, "parameters": {"index_mcp_flex": 1e999}}',
-     '{"session": "", "frame": 1, "parameters": {"index_mcp_flex": "much"}}'],
-)  # fmt: skip
-def test_a_file_that_is_no_copied_pose_is_passed_over(text):
-    copied_of("hand26").write()
-    (user_data_folder() / "copied_pose.json").write_text(text)
-    assert CopiedPose.read() is None
-
-
 def test_a_body_s_pose_is_not_pasted_into_a_hand(bench, page):
     before = _pose(bench)
-    copied_of("body34").write()
+    bench.layout.pose.copied = dict.fromkeys(load_model("body34").parameter_names, 0.01)
     page.press("Paste the pose that was copied")
     eventually(lambda: "Nothing was copied" in bench.layout.messages.note.content, "told")
     assert_array_equal(_pose(bench).values, before.values)

@@ -5,18 +5,14 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import InitVar, dataclass, field, replace
 from functools import partial
 
-import msgspec
 import numpy as np
 import viser
 
 from handtrack.arrays import D3, Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
-from handtrack.files.atomic import replace_text
-from handtrack.files.user_folder import user_data_folder
 from handtrack_app.page.html import chip, escaped, rgb, row, table, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import (
@@ -79,6 +75,8 @@ class PosePanel:
     length: tuple[str, float] = ("mm", 1e-3)
     """unit of a place, and what it is in metres"""
     score: ScoreSnapshot | None = None
+    copied: dict[str, float] = field(default_factory=dict)
+    """joint parameters [m, rad]"""
 
     def __post_init__(self, session: SessionSnapshot) -> None:
         page, gui = self.page, self.page.gui
@@ -109,8 +107,15 @@ class PosePanel:
             )  # fmt: skip
             self.guesses = GuessesPanel(page, session)
             self.pins = PinPanel(page, self.grips, session)
-            self.copies = CopyPanel(page, session, self.pose)
+            copying = {"Copy": self.copy, "Paste": self.paste}
+            page.buttons(
+                "Pose", tuple(copying), lambda name: copying[name](),
+                "Copies the pose you see; pastes its joints into the frame shown. Alt C, Alt V.",
+            )  # fmt: skip
+            self.copied_from = gui.add_html("")
         page.key("Fit frame", "F", self._fit)
+        page.key("Copy the pose", "alt+C", self.copy)
+        page.key("Paste the pose that was copied", "alt+V", self.paste)
 
     def _edit(self, which: str) -> None:
         if which == _FLIP:
@@ -155,6 +160,21 @@ class PosePanel:
             self.take(name)
             self.library.value = _KEEP  # so that the same pose can be chosen again
 
+    def copy(self) -> None:
+        """Copy the pose that is seen."""
+        if len(self.pose.values) == len(self.names):  # else it is of a model that is left
+            self.copied = dict(zip(self.names, self.pose.values.tolist(), strict=True))
+            put(self.copied_from, content=escaped(f"Copied: frame {self.pose.frame}"))
+
+    def paste(self) -> None:
+        """Give the joints of what was copied to the frame shown; it stays where it is."""
+        changes = {name: self.copied[name] for name in self.names[6:] if name in self.copied}
+        if changes:
+            self.page.edit_pose(changes, "Paste")
+        else:
+            nothing = "Nothing was copied yet that fits here: show a pose and press Copy first."
+            self.page.notify("info", "Nothing to paste", nothing)
+
     # ---- sliders
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -162,7 +182,7 @@ class PosePanel:
         if session.parameter_names != self.names:
             self._rebuild(session)
         self.guesses.fit(session)
-        self.copies.session = self.pins.session = session
+        self.pins.session = session
         for s, name in enumerate(session.parameter_names):
             slider, driven = self.sliders[name], name in session.driven
             slider.disabled = driven
@@ -242,7 +262,7 @@ class PosePanel:
             shown = min(max(shown, slider.min), slider.max)
             if not math.isfinite(slider.value) or abs(slider.value - shown) > 0.051:
                 slider.value = shown
-        self.pose = self.copies.pose = pose
+        self.pose = pose
         self._show_card(pose)
 
     def show_score(self, score: ScoreSnapshot) -> None:
@@ -505,84 +525,6 @@ def _table(guesses: GuessesSnapshot) -> str:
         f"<div style='padding:.3em .9em;font-size:.9em;line-height:1.4'><b>{title}, frame {guesses.frame}</b>"
         f"{rows}</div>"
     )
-
-
-# ---- Copy and paste: a file of the user's keeps the pose, so that another recording's page can paste it
-
-
-_COPY, _PASTE = "Copy", "Paste"
-_COPIED = "copied_pose.json"
-
-
-class CopiedPose(msgspec.Struct, frozen=True):
-    """A pose that was copied."""
-
-    session: str
-    """the folder that the frame is of"""
-    frame: int
-    parameters: dict[str, float]
-    """[m, rad]"""
-
-    @classmethod
-    def read(cls) -> CopiedPose | None:
-        """Return what was copied last, on whatever page; None where nothing was, or the file is not to be read."""
-        with suppress(OSError, msgspec.MsgspecError):
-            return msgspec.json.decode((user_data_folder() / _COPIED).read_bytes(), type=cls)
-        return None
-
-    def write(self) -> None:
-        """Keep it. Raises OSError."""
-        user_data_folder().mkdir(parents=True, exist_ok=True)
-        replace_text(user_data_folder() / _COPIED, msgspec.json.encode(self).decode() + "\n")
-
-
-@dataclass
-class CopyPanel:
-    """Handles of copying."""
-
-    page: Page
-    session: SessionSnapshot
-    pose: PoseSnapshot
-
-    def __post_init__(self) -> None:
-        """Add the widgets where the page builds now, and the keys."""
-        page, acts = self.page, {_COPY: self.copy, _PASTE: self.paste}
-        page.buttons(
-            "Pose", tuple(acts), lambda name: acts[name](),
-            "Copies the pose you see; pastes its joints into the frame shown, also of another recording. Alt C, Alt V.",
-        )  # fmt: skip
-        self.line = page.gui.add_html("")
-        page.key("Copy the pose", "alt+C", self.copy)
-        page.key("Paste the pose that was copied", "alt+V", self.paste)
-        self._say()
-
-    def copy(self) -> None:
-        """Copy the pose that is seen."""
-        session, pose = self.session, self.pose
-        if len(pose.values) == len(session.parameter_names):
-            values = dict(zip(session.parameter_names, pose.values.tolist(), strict=True))
-            CopiedPose(session.folder, pose.frame, values).write()
-            self._say()
-
-    def paste(self) -> None:
-        """Give the joints of what was copied to the frame shown; it stays where it is."""
-        copied, names = CopiedPose.read(), self.page.state.names[6:]
-        known = {} if copied is None else copied.parameters
-        changes = {name: value for name, value in known.items() if name in names}
-        if changes:
-            self.page.edit_pose(changes, "Paste")
-        else:
-            nothing = "Nothing was copied yet that fits here: show a pose and press Copy first."
-            self.page.notify("info", "Nothing to paste", nothing)
-        self._say()
-
-    def _say(self) -> None:
-        """Say what was copied."""
-        copied, words = CopiedPose.read(), ""
-        if copied is not None:
-            elsewhere = "" if copied.session == self.session.folder else ", another recording"
-            words = f"Copied: frame {copied.frame}{elsewhere}"
-        put(self.line, content=escaped(words))
 
 
 # ---- Pins: what holds the rest of the hand, which pins a frame has, and buttons to drop them
