@@ -7,6 +7,7 @@ import io
 import json
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -106,6 +107,11 @@ def read_rows(text: str, where: str, separator: str = "") -> list[list[str]]:
         return list(csv.reader(io.StringIO(text), delimiter=chosen))
     except csv.Error as error:
         raise HandtrackError(f"{where}: no readable table ({error}).") from None
+
+
+def column_of(head: Sequence[str], names: str) -> int | None:
+    """Return which column has one of some names, the first of them that is there. names: with a space between two."""
+    return next((head.index(name) for name in names.split(" ") if name in head), None)
 
 
 def number_in(cell: str, where: str) -> float:

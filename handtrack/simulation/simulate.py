@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -22,6 +21,7 @@ from handtrack.model.model_file import load_model, write_scale
 from handtrack.session import layout
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
+from handtrack.session.formats.truth import Truth, write_truth
 from handtrack.session.session_file import (
     BODY_TRACKING,
     CameraSettings,
@@ -226,14 +226,11 @@ def _saved(path: Path, image: Array) -> None:
 
 def _write_truth(folder: Path, what: Simulation, model: ArticulatedModel, joint: Floats) -> None:
     bones = [model.bones(model.transform.solver_params(params)) for params in joint]
-    arrays: dict[str, Any] = {
-        "joint_names": np.array(model.joint_names),
-        "joint_positions": np.stack([model.joint_positions(b) for b in bones]),
-        "time_s": np.arange(len(joint)) / what.fps,
-    }
-    if model.has_keypoints21:
-        arrays = {"keypoints21": np.stack([model.keypoints21(b) for b in bones])} | arrays
-    np.savez_compressed(folder / layout.TRUTH_FILE, **arrays)
+    joints = np.stack([model.joint_positions(b) for b in bones])
+    points = np.stack([model.keypoints21(b) for b in bones]) if model.has_keypoints21 else None
+    frame = np.arange(len(joint))
+    truth = Truth(frame, frame / what.fps, points, model.joint_names, joints)
+    write_truth(folder / layout.TRUTH_FILE, truth)
 
 
 def _write_init(

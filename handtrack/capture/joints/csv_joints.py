@@ -27,7 +27,7 @@ from handtrack.capture.joints.given_joints import (
 from handtrack.capture.joints.joint_names import JOINTS, NAMED, is_numbered, named_bodies
 from handtrack.capture.joints.json_joints import read_json_joints
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import number_in, read_rows
+from handtrack.files.text_files import column_of, number_in, read_rows
 
 Names = Mapping[str, str]
 """our names of a file's own points, with their side where it has both hands, as `right index_tip`"""
@@ -61,16 +61,11 @@ def read_csv_joints(text: str, where: str, names: Names, camera: str) -> Importe
     if "img_loc_x" in head and "img_loc_y" in head:
         return _caliscope(rows, head, where, camera)
     if {"x", "y"} <= set(head):
-        if _place(head, _TIME) is not None and _place(head, _FRAME) is None:
+        if column_of(head, _TIME) is not None and column_of(head, _FRAME) is None:
             return _rows_in_order(rows, head, where)
-        if _place(head, _POINT) is not None:
+        if column_of(head, _POINT) is not None:
             return _a_row_a_point(rows, head, where, names)
     return _a_row_a_frame(rows, where, names)
-
-
-def _place(head: Sequence[str], names: str) -> int | None:
-    """Return which column has one of some names, the first of them that is there."""
-    return next((head.index(name) for name in names.split(" ") if name in head), None)
 
 
 def renamed(names: Sequence[str], known: Names, where: str) -> list[str]:
@@ -163,7 +158,7 @@ def _deeplabcut(
 
 def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) -> ImportedJoints:
     """Return the joints of one camera, known by its number, from Caliscope's xy.csv, which has those of all cameras."""
-    places = [_place(head, n) for n in ("port cam_id", "point_id keypoint_id", "frame_index")]
+    places = [column_of(head, n) for n in ("port cam_id", "point_id keypoint_id", "frame_index")]
     if None in places:
         raise HandtrackError(
             f"{where}: columns {', '.join(head)}; expected Caliscope's cam_id, frame_index and keypoint_id."
@@ -206,7 +201,7 @@ def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) 
 
 def _rows_in_order(rows: list[list[str]], head: list[str], where: str) -> ImportedJoints:
     """Return hands of 21 rows each, in MediaPipe's order, by time stamp and hand; frames are counted by their usual distance."""
-    at_time, at_hand = (_place(head, names) for names in (_TIME, _HAND))
+    at_time, at_hand = (column_of(head, names) for names in (_TIME, _HAND))
     assert at_time is not None
     x, y = head.index("x"), head.index("y")
     groups: dict[tuple[float, str], list[tuple[float, float]]] = {}
@@ -233,7 +228,7 @@ def _a_row_a_point(
     rows: list[list[str]], head: list[str], where: str, known: Names
 ) -> ImportedJoints:
     at_frame, at_point, at_hand, at_sure = (
-        _place(head, names) for names in (_FRAME, _POINT, _HAND, _SURE)
+        column_of(head, names) for names in (_FRAME, _POINT, _HAND, _SURE)
     )
     assert at_point is not None
     if at_frame is None:
@@ -269,7 +264,7 @@ def _a_row_a_frame(rows: list[list[str]], where: str, known: Names) -> ImportedJ
     if len(names) < 3:
         return None
     head = [name.strip().lower() for name in rows[0]]
-    at = _place(head, _FRAME)
+    at = column_of(head, _FRAME)
     columns = _columns(
         rows[1:], [[places[n].get(k) for k in ("x", "y", "sure")] for n in names], where
     )

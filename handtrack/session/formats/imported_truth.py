@@ -15,6 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.files.text_files import (
     UNITS_M,
     check_file,
+    column_of,
     first_bytes,
     metres_in,
     number_in,
@@ -102,23 +103,6 @@ def _unit(
     return fits[0]
 
 
-def write_truth(path: Path, truth: Truth) -> None:
-    """Write truth.npz."""
-    arrays: dict[str, np.ndarray] = {"frame": truth.frame}
-    if truth.time_s is not None:
-        arrays["time_s"] = truth.time_s
-    if truth.keypoint_definition is not None:
-        arrays["keypoint_definition"] = np.array(truth.keypoint_definition)
-    if truth.keypoints21 is not None:
-        arrays["keypoints21"] = truth.keypoints21
-    if truth.joint_positions is not None:
-        arrays |= {
-            "joint_names": np.array(truth.joint_names),
-            "joint_positions": truth.joint_positions,
-        }
-    np.savez(path, **arrays)  # pyright: ignore[reportArgumentType]
-
-
 # ---- Points in space by name as motion capture writes them: TRC, C3D (by the optional c3d), CSV
 
 
@@ -193,8 +177,7 @@ def _wide(rows: list[list[str]], head: list[str], path: Path) -> Markers:
     names = tuple(name for name, axes in places.items() if len(axes) == 3)
     if not names or len(units) > 1:
         raise _unknown(path)
-    at_frame = next((head.index(n) for n in ("frame", "frame#") if n in head), None)
-    at_time = next((head.index(n) for n in ("time_s", "time", "t") if n in head), None)
+    at_frame, at_time = column_of(head, "frame frame#"), column_of(head, "time_s time t")
     body = rows[1:]
     frames = [str(i) if at_frame is None else _cell(row, at_frame) for i, row in enumerate(body)]
     times = [] if at_time is None else [_cell(row, at_time) for row in body]
@@ -204,12 +187,13 @@ def _wide(rows: list[list[str]], head: list[str], path: Path) -> Markers:
 
 
 def _long(rows: list[list[str]], head: list[str], path: Path) -> Markers:
-    at_name = next(
-        (head.index(n) for n in ("joint", "point", "marker", "name", "landmark") if n in head), None
+    at_name, at_frame = (
+        column_of(head, "joint point marker name landmark"),
+        column_of(head, "frame"),
     )
-    if at_name is None or "frame" not in head:
+    if at_name is None or at_frame is None:
         raise _unknown(path)
-    at_frame, axes = head.index("frame"), [head.index(axis) for axis in "xyz"]
+    axes = [head.index(axis) for axis in "xyz"]
     body = rows[1:]
     names = tuple(dict.fromkeys(_cell(row, at_name) for row in body))
     frames = list(dict.fromkeys(_cell(row, at_frame) for row in body))

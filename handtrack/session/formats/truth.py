@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import D3, D21, F, Floats, Ints, J, K, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
-from handtrack.session.formats.tables import check_shapes, of_kind
+from handtrack.session.formats.tables import check_shapes, of_kind, write_arrays
 
 
 @array_dataclass
@@ -100,3 +100,9 @@ def read_truth(path: Path) -> Truth:
         arrays.get("joint_positions"),
         None if told is None else str(told),
     )
+
+
+def write_truth(path: Path, truth: Truth) -> None:
+    """Write truth.npz, without what is not known."""
+    known = {name: value for name, value in vars(truth).items() if value is not None and len(value)}
+    write_arrays(path, {name: np.asarray(value) for name, value in known.items()})
