@@ -88,13 +88,10 @@ class MaskRefinement:
         depth = float(camera.to_camera(joints[self._wrist])[2])
         if depth <= 0 or not np.isfinite(places).all():
             return None
-        drawn = self.outline(view, row)
-        far = cv2.distanceTransform(255 - drawn, cv2.DIST_L2, 5)
-        deep = cv2.distanceTransform(drawn, cv2.DIST_L2, 5)
         spread = np.trace(self._track.joint_covariance[row], axis1=1, axis2=2)
         off_m = float(np.hypot(_FLESH_OFF_M, np.sqrt(np.median(spread))))
         return seeds_of_outline(
-            np.asarray(deep - far, float),
+            self.outline(view, row),
             off_m,
             float(camera.pixels_per_m(depth)),
             places[0],

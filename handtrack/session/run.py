@@ -206,7 +206,8 @@ class TrackingRun:
     def observation_of(self, result: FrameResult) -> Observation:
         """Return what was observed of a tracked frame; the cloud is cropped to its pose."""
         bones = self.model.bones(self.model.transform.solver_params(result.parameters))
-        return self._named(_seen(self.session, self.settings, result.frame, self._near(bones)))
+        near = hand_distance(self.model, bones)
+        return of_model(_seen(self.session, self.settings, result.frame, near), self.model)
 
     def with_values(self, overrides: Mapping[str, Any]) -> TrackingRun:
         """Return the run with dotted settings replaced; the hand's size stays as it is."""
@@ -250,8 +251,7 @@ class TrackingRun:
         """
         if self.forearm or not self.leaves_forearm_open or self.model.kind == "body":
             return self
-        seen = _seen(self.session, self.settings, frame)
-        arm_m = forearm_in_view(self.model, [(params, seen)])
+        arm_m = forearm_in_view(self.model, [(params, self.uncropped_observation(frame))])
         return self.with_forearm(arm_m) if arm_m else self
 
     @property
@@ -327,20 +327,14 @@ class TrackingRun:
         """Return what is known of a frame and counts by the settings: silhouettes (missing views are absent), cloud,
         given keypoints. bones: where the hand is expected; the cloud is cropped to it.
         """
-        seen = self._named(_seen(self.session, self.settings, frame, self._near(bones)))
+        near = None if bones is None else hand_distance(self.model, bones)
+        seen = of_model(_seen(self.session, self.settings, frame, near), self.model)
         if self.first is None or self.first.frame != frame or self.first.xyz is None:
             return seen
         if not self.model.has_keypoints21:
             return seen
         given = _keypoints(self.first, self.settings)
         return replace(seen, keypoints=(given, *seen.keypoints))
-
-    def _named(self, seen: Observation) -> Observation:
-        """Return what was seen, with those keypoints and pins only that the model has: a simpler one lacks some."""
-        return of_model(seen, self.model)
-
-    def _near(self, bones: BonePoses | None) -> HandDistance | None:
-        return None if bones is None else hand_distance(self.model, bones)
 
     def track(
         self,

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, Array, Floats, H, W, array_dataclass
+from handtrack.arrays import D2, Array, Bytes, Floats, H, W, array_dataclass
 from handtrack.capture.images.openpose import FINGERS
 
 _PALM = ("wrist", "thumb_cmc", "thumb_mcp", "index_mcp", "middle_mcp", "ring_mcp", "little_mcp")
@@ -95,13 +95,14 @@ def seeds_of_joints(joints: Mapping[str, Floats[D2]], size: tuple[int, int]) -> 
 
 
 def seeds_of_outline(
-    inside_px: Floats[H, W], off_m: float, px_per_m: float, wrist: Floats[D2], knuckles: Floats[D2]
+    drawn: Bytes[H, W], off_m: float, px_per_m: float, wrist: Floats[D2], knuckles: Floats[D2]
 ) -> HandSeeds | None:
     """Return seeds of a model's outline, which is known to `off_m` [m].
 
-    inside_px: for each pixel of the image how far it lies inside of the outline, below 0 outside [px]. wrist, knuckles: where
-    they are in the image [px]. None where the model is out of sight.
+    drawn: 255 where the image shows the model, else 0. wrist, knuckles: where they are in the image [px]. None where the model is
+    out of sight.
     """
+    inside_px = _inside(drawn).astype(float)
     rows, columns = np.nonzero(inside_px > 0)
     if not len(rows):
         return None

@@ -24,7 +24,7 @@ from handtrack.capture.images.frames import (
 from handtrack.capture.images.raw_frames import MosaicFiles
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_joints
-from handtrack.capture.masks.mask_cleaning import Roi
+from handtrack.capture.masks.mask_cleaning import Roi, inside_roi
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
 from handtrack.capture.masks.segmentation import MaskMethod, Segmenter, segmenter
 from handtrack.errors import HandtrackError, not_enough_memory
@@ -241,11 +241,9 @@ class View:
         mask = self.mask(frame) if self.has_masks else None
         if self.settings.roi is None:
             return mask
-        x, y, width, height = self.settings.roi
-        inside = np.zeros((self.camera.size[1], self.camera.size[0]), np.uint8)
-        part = slice(y, y + height), slice(x, x + width)
-        inside[part] = 255 if mask is None else mask[part]
-        return inside
+        width, height = self.camera.size
+        all_of_it = np.full((height, width), 255, np.uint8)
+        return inside_roi(all_of_it if mask is None else mask, self.settings.roi)
 
     def silhouette(self, frame: int) -> Silhouette | None:
         """Return the frame's silhouette in the undistorted image; None where there is no mask."""
