@@ -64,10 +64,10 @@ def refined_by(program: str) -> str:
     return f"{program}, {REFINED}"
 
 
-def about_refined(about: TakeAbout, labels: TrackLabels | None) -> TakeAbout:
-    """Return the description of the refined frames of a take; labels: where refining changed what they mean, as the hand's size."""
+def about_refined(about: TakeAbout, labels: TrackLabels) -> TakeAbout:
+    """Return the description of the refined frames of a take; labels: refining may change what they mean, as the hand's size."""
     inputs, by = {**about.inputs, "estimate": REFINED}, refined_by(about.by)
-    return replace(about, by=by, begun=_now(), inputs=inputs, labels=labels or about.labels)
+    return replace(about, by=by, begun=_now(), inputs=inputs, labels=labels)
 
 
 def files_read(session: Session) -> dict[str, str]:

@@ -125,7 +125,6 @@ class TakeRecorder:
             self._folder = out.with_name(out.name + _UNFINISHED)
         self._store: WritableStore | None = None
         self._passes: list[list[TakeWriter]] = []  # of each: forward, and refined
-        self._labels: TrackLabels | None = None
         self._finished = False
 
     def __enter__(self) -> TakeRecorder:
@@ -161,7 +160,6 @@ class TakeRecorder:
             return []  # a device keeps nothing
         if not self._own and (text := import_track(self._store, run.session.folder)):
             self._note(text)
-        self._labels = None
         about = about_take(run, self._program, frames, *run.initial())
         about = replace(about, inputs={**about.inputs, **posed})
         left = None if self._restart else self._store.unfinished(about.inputs)
@@ -197,7 +195,6 @@ class TakeRecorder:
         """Keep refined frames, in a take of their own: what came first stays. labels: what their numbers mean."""
         if self._store is None or not self._passes:
             return
-        self._labels = labels
         latest = self._passes[-1]
         if len(latest) == 1:
             about = about_refined(latest[0].about, labels)
