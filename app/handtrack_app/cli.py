@@ -6,6 +6,7 @@ import argparse
 import errno
 import importlib
 import io
+import math
 import os
 import sys
 import traceback
@@ -36,6 +37,8 @@ def main(argv: list[str] | None = None) -> int:
         args = parser.parse_args(words)
     except SystemExit as asked:  # --help, --version: 0; usage: 2
         return int(asked.code or EXIT_OK)
+    except HandtrackError as error:  # of an option's value
+        return _failed(words[0], str(error), EXIT_USAGE)
     if args.command is None:
         args = parser.parse_args(["open"])
     return _run(args)
@@ -51,34 +54,34 @@ def _run(args: argparse.Namespace) -> int:
         code = int(run(args) or EXIT_OK)
         sys.stdout.flush()
     except HandtrackError as error:
-        return _failed(args, str(error), EXIT_USAGE)
+        return _failed(args.command, str(error), EXIT_USAGE)
     except KeyboardInterrupt:
-        return _failed(args, "interrupted.", EXIT_INTERRUPTED)
+        return _failed(args.command, "interrupted.", EXIT_INTERRUPTED)
     except BrokenPipeError:  # the reader of our output has gone, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except OSError as error:
         if error.errno is None:
-            return _failed(args, _internal(error), EXIT_INTERNAL)
+            return _failed(args.command, _internal(error), EXIT_INTERNAL)
         where = "" if error.filename is None else f"{error.filename}: "
         what = error.strerror
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
             what = f"cannot be written, or not be read ({error.strerror})"
-        return _failed(args, f"{where}{what}.", EXIT_USAGE)
+        return _failed(args.command, f"{where}{what}.", EXIT_USAGE)
     except MemoryError as error:
-        return _failed(args, str(not_enough_memory("this", error)), EXIT_USAGE)
+        return _failed(args.command, str(not_enough_memory("this", error)), EXIT_USAGE)
     except Exception as error:
-        return _failed(args, _internal(error), EXIT_INTERNAL)
+        return _failed(args.command, _internal(error), EXIT_INTERNAL)
     for words in getattr(args, "then", ()):  # commands that this one asks for
         code = code or main(words)
     return code
 
 
-def _failed(args: argparse.Namespace, text: str, code: int) -> int:
+def _failed(command: str, text: str, code: int) -> int:
     if os.strerror(errno.EMFILE) in text:
         text += " Close other programs, or allow more open files: `ulimit -n 4096`."
     paragraph = " ".join(text.splitlines())
-    print(f"handtrack {args.command}: {paragraph}", file=sys.stderr)
+    print(f"handtrack {command}: {paragraph}", file=sys.stderr)
     return code
 
 
@@ -102,6 +105,42 @@ _Option = tuple[tuple[str, ...], dict[str, object]]
 
 def _option(*names: str, **how: object) -> _Option:
     return names, how
+
+
+def _number(
+    name: str, kind: type[int | float], low: float, high: float = math.inf, **how: object
+) -> _Option:
+    """Return an option that is a number from low to high."""
+
+    def read(text: str) -> float:
+        value = kind(text)
+        if not low <= value <= high:
+            expected = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+            raise HandtrackError(f"{name} {text}: expected {expected}.")
+        return value
+
+    read.__name__ = kind.__name__  # as argparse names it where it is no number
+    return _option(name, type=read, **how)
+
+
+class _ByCamera(argparse.Action):
+    """Keeps what is given of each camera by its name: `CAMERA=FILE`, and further files where an option takes several."""
+
+    def __call__(
+        self, _: object, args: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Add a camera. Raises HandtrackError for what is not of this form, and a camera that was there already."""
+        first, *more = values if isinstance(values, list) else [values]
+        camera, _, file = first.partition("=")
+        known = getattr(args, self.dest)
+        if not (camera and file) or camera in known:
+            form = self.metavar[0] if isinstance(self.metavar, tuple) else self.metavar
+            raise HandtrackError(f"{option} {first}: expected {form}, each camera once, by its name in the calibration.")  # fmt: skip
+        setattr(args, self.dest, known | {camera: [file, *more] if self.nargs else file})
+
+
+def _by_camera(name: str, metavar: str | tuple[str, str], **how: object) -> _Option:
+    return _option(name, action=_ByCamera, default={}, metavar=metavar, **how)
 
 
 class _Command(NamedTuple):
@@ -168,7 +207,7 @@ _KNOWN_PERSON = _option(
 _OF_PERSON = (
     _option("session", type=Path, metavar="SESSION|POSES.npz", help="a session's folder; or a result whose shape was fitted, which is saved"),
     _FRAMES,
-    _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
+    _number("--count", int, 1, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
     _INIT, _YES,
     _option("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated"),
     _SET, _KNOWN_PERSON,
@@ -180,11 +219,11 @@ COMMANDS: dict[str, _Command] = {
     "open": _Command("workbench:run", "Open the workbench in the browser, on a session folder or on the bundled one.", (
         _option("session", nargs="?", type=Path, help="session folder; with --live, a folder with a calibration will do"),
         _option("--live", action="store_true", help="track running cameras, by the session's settings and calibration"),
-        _option("--camera", action="append", default=[], metavar="NAME=DEVICE",
+        _by_camera("--camera", "NAME=DEVICE",
                 help="with --live: a camera's number, path or address, or a video to be played as if it were one; once per "
                 "camera (default: 0, 1, 2 … in the session's order)"),
         _option("--record", type=Path, metavar="FOLDER", help="with --live: record to a new session folder from the start"),
-        _option("--tolerance-ms", type=float, default=50.0, metavar="T",
+        _number("--tolerance-ms", float, 0.1, 10_000, default=50.0, metavar="T",
                 help="with --live: how far apart the images of one frame may be (50)"),
         _TAKE_OVER, *_SERVER,
     )),
@@ -202,12 +241,12 @@ COMMANDS: dict[str, _Command] = {
                 help="a Pose2Sim project or trial: its calibration, videos, 2D joints and rate, where you name no others"),
         _option("--calibration", type=Path, action="append", default=[], metavar="FILE",
                 help="of Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, or JSON and NPZ of K, dist, R, t; several: one a camera"),
-        _option("--video", action="append", default=[], metavar="CAMERA=FILE", help="a camera's video; once per camera"),
-        _option("--images", action="append", default=[], metavar="CAMERA=PATTERN",
+        _by_camera("--video", "CAMERA=FILE", help="a camera's video; once per camera"),
+        _by_camera("--images", "CAMERA=PATTERN",
                 help="a camera's numbered image files instead, such as cam0='left/*.png'"),
-        _option("--depth", action="append", default=[], metavar="CAMERA=PATTERN", help="its 16 bit depth files"),
-        _option("--depth-scale", type=float, metavar="M", help="metres in one unit of the depth files, such as 0.001"),
-        _option("--keypoints", action="append", default=[], metavar="CAMERA=FILE",
+        _by_camera("--depth", "CAMERA=PATTERN", help="its 16 bit depth files"),
+        _number("--depth-scale", float, 1e-9, 1, metavar="M", help="metres in one unit of the depth files, such as 0.001"),
+        _by_camera("--keypoints", "CAMERA=FILE",
                 help="its 2D joints, of a hand or a body: of OpenPose, MediaPipe, RTMPose, DeepLabCut, SLEAP, or CSV"),
         _option("--layout", metavar="NAME",
                 help="the order of a body's joints, such as body_25 or halpe26 (default: recognised, and said)"),
@@ -219,8 +258,8 @@ COMMANDS: dict[str, _Command] = {
         _option("--side", choices=("right", "left"), help="which hand (default: detected, else right)"),
         _option("--detector", type=Path, metavar="FILE", help="the hand detector's weights (default: as for `detect`)"),
         _option("--track", action="store_true", help="track after import: detect the hand, then track it"),
-        _option("--fps", type=float, help="frames a second (default: the first video's)"),
-        _option("--world-unit-m", type=float, help="metres in one unit of the calibration (default: its form's, or inferred)"),
+        _number("--fps", float, 0.001, 1e6, help="frames a second (default: the first video's)"),
+        _number("--world-unit-m", float, 1e-9, 1e6, help="metres in one unit of the calibration (default: its form's, or inferred)"),
         _option("--names", type=Path, metavar="TABLE.toml",
                 help='which points of --keypoints are which joints, lines such as index_tip = "D2_tip"'),
         _option("--lens", choices=("plain", "fisheye"),
@@ -250,12 +289,12 @@ COMMANDS: dict[str, _Command] = {
     )),
     "batch": _Command("batch:run", "Track many recordings in parallel and report the worst first.", (
         _option("pattern", nargs="+", metavar="PATTERN", help="session folders, or patterns of them, such as 'takes/*'"),
-        _option("--jobs", type=int, default=1, metavar="N", help="recordings at a time on this machine (1)"),
+        _number("--jobs", int, 1, default=1, metavar="N", help="recordings at a time on this machine (1)"),
         _option("--dask", metavar="ADDRESS", help="on a dask cluster instead: its scheduler's address"),
         _option("--resume", action="store_true", help="skip recordings that the same inputs were already tracked for"),
         _option("--out", type=Path, default=Path("batch"), metavar="DIR", help="of ledger, reports, logs (./batch); results stay "
                 "with their recordings"),
-        _option("--most-lost", type=float, default=0.5, metavar="SHARE", help="a recording with more lost frames makes the exit code 3 (0.5)"),
+        _number("--most-lost", float, 0, 1, default=0.5, metavar="SHARE", help="a recording with more lost frames makes the exit code 3 (0.5)"),
         _INIT, _YES, _FRAMES,
         _option("--use", metavar="NAMES", help="as for `track`"), _SET,
         _option("--seed", type=int, metavar="N", help="as for `track`"), _JSON,
@@ -288,28 +327,28 @@ COMMANDS: dict[str, _Command] = {
         _SESSION,
         _option("--segmented", nargs=2, action="append", metavar=("IMAGE", "MASK"),
                 help="an image file and its mask; several times (default: what was painted in the session's masks)"),
-        _option("--size", type=float, default=2.5, help="of the ellipse, standard deviations (2.5)"), _JSON,
+        _number("--size", float, 0.01, 100, default=2.5, help="of the ellipse, standard deviations (2.5)"), _JSON,
     )),
     "simulate": _Command("simulate:run", "Make a simulated recording with truth.", (
         _NEW,
         _option("--cameras", type=int, default=3),
-        _option("--frames", type=int, help="100; of a motion file, all"),
-        _option("--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels"),
+        _number("--frames", int, 1, help="100; of a motion file, all"),
+        _number("--size", int, 1, 8192, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels"),
         _option("--model", choices=("hand26", "body34", "body38"), help="hand26; of a motion file, what its names are of"),
         _option("--motion", metavar="NAME|FILE",
                 help="open_fist_open, curl, gestures or still; of a body: dance, greet or still; or a motion file: BVH, AMC, TRC, C3D"),
         *_MOTION, _option("--motion-fps", type=float, metavar="RATE", help="of a motion file that does not say it (AMC)"),
         _SIDE,
-        _option("--scale", type=float, default=1.0, help="1 is a hand of 187 mm, a body of 1.75 m"),
+        _number("--scale", float, 0.3, 3, default=1.0, help="1 is a hand of 187 mm, a body of 1.75 m"),
         _option("--forearm", action="store_true", help="with a bare forearm"),
         _option("--distance", type=float, help="of the cameras [m]: 0.5, around a body 3.5"),
         _option("--fps", type=float, default=25.0),
         _option("--no-images", action="store_true", help="masks alone, no videos"),
-        _option("--joints-px", type=float, metavar="PX", help="also 2D joints like a detector's, with this error"),
+        _number("--joints-px", float, 0, 100, metavar="PX", help="also 2D joints like a detector's, with this error"),
         _option("--clouds", action="store_true", help="also the cameras' point clouds"),
         _option("--distortion", action="store_true", help="lenses with distortion"),
-        _option("--init-noise-mm", type=float, default=5.0, help="of the keypoints in init.json; 0: exact pose"),
-        _option("--seed", type=int, default=0, help="of motion and noise"),
+        _number("--init-noise-mm", float, 0, 100, default=5.0, help="of the keypoints in init.json; 0: exact pose"),
+        _number("--seed", int, 0, default=0, help="of motion and noise"),
         _JSON,
     )),
     "retarget": _Command("simulate:retarget", "Fit a model's size and joint angles to a motion file (BVH, AMC, TRC, C3D).", (
@@ -332,7 +371,7 @@ COMMANDS: dict[str, _Command] = {
                 help="the detector's (default: what HANDTRACK_DETECTOR names, or `handtrack detector install` left)"),
         _option("--camera", action="append", default=[], metavar="NAME",
                 help="only this camera; may be repeated (default: all with images)"),
-        _option("--every", type=int, default=1, metavar="N", help="only every N-th frame (default: 1)"),
+        _number("--every", int, 1, default=1, metavar="N", help="only every N-th frame (default: 1)"),
         _option("--write", action="store_true", help="also use these joints in session.toml"),
         _option("--masks", action="store_true", help="with --write: also segment by them (method seeded) where masks are not files"),
         _option("--backend", choices=("opencv", "litert"), help="what runs the networks (default: litert where installed)"),
@@ -358,23 +397,23 @@ COMMANDS: dict[str, _Command] = {
     "calibrate": _Command("calibration:calibrate", "Calibrate cameras from images or videos of a moving board.", (
         _option("--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"),
         _BOARD,
-        _option("--camera", action="append", nargs="+", default=[], metavar=("NAME=FILES", "FILES"),
+        _by_camera("--camera", ("NAME=FILES", "FILES"), nargs="+",
                 help="images (pattern or folder) or a video, matched between cameras by frame number; once per camera"),
-        _option("--intrinsics", action="append", nargs="+", default=[], metavar=("NAME=FILES", "FILES"),
+        _by_camera("--intrinsics", ("NAME=FILES", "FILES"), nargs="+",
                 help="more images or a video for this camera's lens alone"),
         _option("--known", type=Path, metavar="FILE.toml", help="keep the lenses of the cameras in this calibration"),
         _option("--world", metavar="camera:NAME|board:FRAME", help="the world's frame (default: the first camera's)"),
         _option("--no-k3", action="store_true", help="hold the third radial coefficient at 0"),
         _option("--no-tangential", action="store_true", help="hold p1 and p2 at 0"),
-        _option("--most-views", type=int, default=40, metavar="N", help="views used per camera, sharp and spread"),
-        _option("--most-images", type=int, default=400, metavar="N", help="images searched per camera, evenly"),
+        _number("--most-views", int, 3, default=40, metavar="N", help="views used per camera, sharp and spread"),
+        _number("--most-images", int, 3, default=400, metavar="N", help="images searched per camera, evenly"),
         _option("--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"),
         _JSON,
     )),
     "board": _Command("calibration:save_board", "Write a calibration board to print, in its true size.", (
         _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
         _BOARD,
-        _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"), _JSON,
+        _number("--dpi", float, 50, 2400, default=300.0, help="of a PNG; SVG and PDF are exact"), _JSON,
     )),
     "doctor": _Command("doctor:check_session", "Check a session folder and report problems.", (
         _SESSION,

@@ -519,10 +519,6 @@ _OK, _SOME, _INTERRUPTED = 0, 3, 130
 
 def run(args: argparse.Namespace) -> int:
     """Track all; return 0, 3 where recordings have no result or lost too many frames, 130 when interrupted."""
-    if args.jobs < 1:
-        raise HandtrackError(f"--jobs {args.jobs}: expected 1 or more recordings at a time.")
-    if not 0 <= args.most_lost <= 1:
-        raise HandtrackError(f"--most-lost {args.most_lost:g}: expected a share, 0 to 1.")
     out = args.out.resolve()
     ledger = out / LEDGER_FILE
     before = latest(read_ledger(ledger))

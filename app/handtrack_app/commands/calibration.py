@@ -41,8 +41,6 @@ from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
 from handtrack_app.commands.terminal.output import answer, output_file, progress_bar, say
 
-_LEAST_VIEWS = 3
-
 
 @dataclass(frozen=True)
 class _Input:
@@ -62,9 +60,6 @@ def calibrate(args: argparse.Namespace) -> int:
     board = parse_board(args.board)
     if args.bayer and args.bayer not in PATTERNS:
         raise unknown_name("Bayer pattern", args.bayer, PATTERNS, "--bayer")
-    for option, count in (("--most-views", args.most_views), ("--most-images", args.most_images)):
-        if count < _LEAST_VIEWS:
-            raise HandtrackError(f"{option} {count}: expected at least {_LEAST_VIEWS}.")
     output_file(args.out, (".toml",), "calibrations are")
     inputs = _inputs(args)
     known = read_rig(args.known) if args.known else None
@@ -97,8 +92,8 @@ def calibrate(args: argparse.Namespace) -> int:
 
 def _inputs(args: argparse.Namespace) -> list[_Input]:
     kind = RAW if args.bayer else COLOUR
-    shared = _named_files(args.camera, "--camera")
-    alone = _named_files(args.intrinsics, "--intrinsics")
+    shared = {name: _files(parts, f"--camera {name}") for name, parts in args.camera.items()}
+    alone = {name: _files(parts, f"--intrinsics {name}") for name, parts in args.intrinsics.items()}
     names = list(dict.fromkeys([*shared, *alone]))
     if not names:
         raise HandtrackError(
@@ -114,21 +109,9 @@ def _inputs(args: argparse.Namespace) -> list[_Input]:
     ]
 
 
-def _named_files(groups: Sequence[Sequence[str]], option: str) -> dict[str, list[Path]]:
-    """Return files by camera from NAME=FILES arguments; the shell may have listed files already."""
-    found: dict[str, list[Path]] = {}
-    for group in groups:
-        name, equals, first = group[0].partition("=")
-        if not equals or not name or not first:
-            raise HandtrackError(
-                f"{option} {group[0]}: expected NAME=FILES, such as left=left*.jpg or left=left.mp4."
-            )
-        if name in found:
-            raise HandtrackError(f"{option} {name}: given twice; give all its files at once.")
-        found[name] = [
-            path for part in (first, *group[1:]) for path in _expanded(part, f"{option} {name}")
-        ]
-    return found
+def _files(parts: Sequence[str], where: str) -> list[Path]:
+    """Return a camera's files; the shell may have listed them already."""
+    return [path for part in parts for path in _expanded(part, where)]
 
 
 def _expanded(part: str, where: str) -> list[Path]:
@@ -261,8 +244,6 @@ _PAPERS_MM = {
 def save_board(args: argparse.Namespace) -> int:
     """Write the board and say how large it must come out of the printer."""
     board = parse_board(args.board)
-    if not 50 <= args.dpi <= 2400:
-        raise HandtrackError(f"--dpi {args.dpi:g}: expected 50 to 2400 dots an inch.")
     output_file(args.out, FORMATS, "boards are")
     width, height = page_size_mm(board)
     if args.out.suffix.lower() == ".png" and width * height * (args.dpi / 25.4) ** 2 > 2e8:

@@ -55,8 +55,6 @@ def detect(args: argparse.Namespace) -> int:
     if not detector.weights.is_known:
         say(f"note: {detector.weights.path} is not the file that handtrack was tested with.")
     detection = JointDetection(session, detector, args.camera)
-    if args.every < 1:
-        raise HandtrackError(f"--every {args.every}: expected a whole number from 1.")
     frames = parse_frames(args.frames, session.frame_range, session.folder)[:: args.every]
     started = time.monotonic()
     with stoppable() as stop, progress_bar(len(frames), "detecting") as bar:

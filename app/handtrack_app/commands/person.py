@@ -53,10 +53,6 @@ def fit_person(args: argparse.Namespace) -> int:
     if args.init != "auto":
         ask_for_other_side(session, first or session.init, args.yes)
     frames = parse_frames(args.frames, session.frame_range, session.folder)
-    if args.count < 1:
-        raise HandtrackError(
-            f"--count {args.count}: expected at least one frame to fit the size to."
-        )
     kind = TrackingRun.open(session, overrides, use_init=False).model.kind
     out = _new_file(args.out or session.folder / _FILES[args.command][kind], kind)
     with stoppable() as stop, saying_compiling():
@@ -159,8 +155,6 @@ def fit_skin(args: argparse.Namespace) -> int:
             f"{session.folder / SESSION_FILE}: no table [clouds], whose filter the skin's colour is. Masks by skin colour are "
             'a camera\'s: masks = { method = "skin_ycrcb" }.'
         )
-    if not args.size > 0:
-        raise HandtrackError(f"--size {args.size:g}: expected standard deviations above 0.")
     if args.segmented:
         pairs = [(Path(image), Path(mask)) for image, mask in args.segmented]
         samples = segmented_skin(pairs)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -44,14 +43,10 @@ from handtrack_app.commands.terminal.output import (
     say,
 )
 
-_LARGEST_IMAGE = 8192
 _HAND, _BODY = ("open_fist_open", 0.5), ("dance", 3.5)
 """usual motion, and the cameras' distance [m]"""
 _FRAMES = 100
 _SUFFIXES = (".bvh", ".amc", ".asf", ".trc", ".c3d", ".csv")
-_SCALES = (0.3, 3.0)
-_MOST_NOISE_MM = 100.0
-_MOST_JOINTS_PX = 100.0
 
 
 def run(args: argparse.Namespace) -> int:
@@ -63,12 +58,14 @@ def run(args: argparse.Namespace) -> int:
         motion, distance_m = _usual(args.model)
         args.motion = motion if args.motion is None else args.motion
         args.frames = _FRAMES if args.frames is None else args.frames
+        known_motions = tuple(MOTIONS[load_model(args.model).kind])
+        if args.motion not in known_motions:
+            raise unknown_name("motion", args.motion, known_motions, "--motion")
     else:
         raw = theirs, _, _ = read_given(args, file)
         args.model = model_of(args, theirs.names, file)
         distance_m = _usual(args.model)[1]
     args.distance = distance_m if args.distance is None else args.distance
-    _check(args, file is None)
     if file is not None:
         clip, _ = clip_of(args, raw, load_model(args.model, side=args.side), file)
         clip = clip.resampled(args.fps)
@@ -123,33 +120,6 @@ def _motion_file(args: argparse.Namespace) -> Path | None:
                 f"--{option.replace('_', '-')} is about a motion file, but --motion names none; expected a {', '.join(_SUFFIXES)} file."
             )
     return None
-
-
-def _check(args: argparse.Namespace, is_named: bool) -> None:
-    """Raise HandtrackError for numbers that Simulation.check lets pass."""
-    known = tuple(MOTIONS[load_model(args.model).kind])
-    if is_named and args.motion not in known:
-        raise unknown_name("motion", args.motion, known, "--motion")
-    if max(args.size) > _LARGEST_IMAGE:
-        raise HandtrackError(
-            f"--size {args.size[0]} {args.size[1]}: expected at most {_LARGEST_IMAGE} pixels each."
-        )
-    if not _SCALES[0] <= args.scale <= _SCALES[1]:
-        raise HandtrackError(
-            f"--scale {args.scale:g}: expected a factor on a hand of 187 mm, {_SCALES[0]:g} to {_SCALES[1]:g}."
-        )
-    if not math.isfinite(args.init_noise_mm) or not 0 <= args.init_noise_mm <= _MOST_NOISE_MM:
-        raise HandtrackError(
-            f"--init-noise-mm {args.init_noise_mm:g}: expected 0 to {_MOST_NOISE_MM:g} mm."
-        )
-    if args.joints_px is not None and not 0 <= args.joints_px <= _MOST_JOINTS_PX:
-        raise HandtrackError(
-            f"--joints-px {args.joints_px:g}: expected 0 to {_MOST_JOINTS_PX:g} px of error in each joint."
-        )
-    if not is_named and args.frames is not None and args.frames < 1:
-        raise HandtrackError(f"--frames {args.frames}: expected 1 at least.")
-    if args.seed < 0:
-        raise HandtrackError(f"--seed {args.seed}: expected a whole number from 0.")
 
 
 # ---- `handtrack retarget`: a model fitted to a motion file

@@ -101,22 +101,9 @@ def live_options(args: argparse.Namespace) -> LiveOptions | None:
             "--live needs calibrated cameras: name a session folder, or a folder with a calibration.toml, as in "
             "`handtrack open FOLDER --live`."
         )
-    if not 0 < args.tolerance_ms <= 10_000:
-        raise HandtrackError(
-            f"--tolerance-ms {args.tolerance_ms:g}: expected milliseconds above 0, such as 50."
-        )
     if args.record is not None:
         check_new(args.record, "--record")
-    devices: dict[str, str] = {}
-    for pair in args.camera:
-        name, equals, device = pair.partition("=")
-        if not (name and equals and device) or name in devices:
-            raise HandtrackError(
-                f"--camera {pair}: expected NAME=DEVICE, each camera once, as in --camera cam0=0 --camera cam1=2, with the "
-                "cameras' names in the calibration."
-            )
-        devices[name] = device
-    return LiveOptions(devices, args.tolerance_ms * 1e-3, args.record)
+    return LiveOptions(args.camera, args.tolerance_ms * 1e-3, args.record)
 
 
 def _refuse(folder: Path) -> None:

@@ -180,7 +180,7 @@ LINES = {
     "simulate --out {t}/x --frames 0": "0",
     "simulate --out {t}/x --cameras 99": "99",
     "simulate --out {t}/x --size 8 8": "(8, 8)",
-    "simulate --out {t}/x --size 100000 9": "--size 100000 9",
+    "simulate --out {t}/x --size 100000 9": "--size 100000",
     "simulate --out {t}/x --distance nan": "nan",
     "simulate --out {t}/x --scale 190": "--scale 190",
     "simulate --out {t}/x --fps 0": "0–1000 frames a second",

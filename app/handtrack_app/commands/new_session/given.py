@@ -132,24 +132,18 @@ def _asked(found: Unit, where: str, yes: bool, what: str) -> float:
         answer = question(
             "How many metres is one unit of it?", "" if proposal is None else f"{proposal:g}"
         )
-        return checked_unit(answer, "the answer")
+        try:
+            unit = float(answer)
+        except ValueError:
+            unit = math.nan
+        if not 0 < unit < math.inf:
+            raise HandtrackError(f"the answer '{answer}': expected metres above 0.")
+        return unit
     maybe = "" if proposal is None else f" ({proposal:g} would be usual for a {what})"
     raise HandtrackError(
         f"{where}: {found.why} Say how many metres one unit of it is, with --world-unit-m{maybe}: 1 for metres, 0.001 for "
         "millimetres, the side of a square in metres for a board counted in squares. Nothing was written."
     )
-
-
-def checked_unit(text: str | float, what: str) -> float:
-    """Return metres above 0. Raises HandtrackError."""
-    try:
-        unit = float(text)
-    except ValueError:
-        unit = math.nan
-    if not 0 < unit < math.inf:
-        raise HandtrackError(f"{what} {text:g}: expected metres above 0." if isinstance(text, float) else
-                             f"{what} '{text}': expected metres above 0.")  # fmt: skip
-    return unit
 
 
 # ---- The model that a new session tracks: as the user says, or the usual one of what is tracked; and a body's
@@ -290,6 +284,5 @@ def with_project(args: argparse.Namespace) -> Pose2SimProject | None:
     return project
 
 
-def _filled(given: list[str], found: Mapping[str, object]) -> list[str]:
-    said = {pair.partition("=")[0] for pair in given}
-    return [*given, *(f"{camera}={path}" for camera, path in found.items() if camera not in said)]
+def _filled(given: Mapping[str, str], found: Mapping[str, object]) -> dict[str, str]:
+    return {**given, **{name: str(path) for name, path in found.items() if name not in given}}

@@ -32,7 +32,6 @@ from handtrack.session.session_file import (
 from handtrack_app.commands.new_session.given import (
     USUAL,
     check_detector,
-    checked_unit,
     given_model,
     given_rig,
     side_of_hand,
@@ -66,9 +65,6 @@ _WITHOUT_JOINTS = "skin_ycrcb"
 
 def make_session(args: argparse.Namespace) -> int:
     """Make the folder; whatever is wrong is found before anything is written."""
-    unit_m = (
-        None if args.world_unit_m is None else checked_unit(args.world_unit_m, "--world-unit-m")
-    )
     project = with_project(args)
     recorded = recorded_cameras(args.video, args.images, args.depth, args.keypoints)
     _check_depth(recorded, args.depth_scale)
@@ -90,7 +86,7 @@ def make_session(args: argparse.Namespace) -> int:
     truth, note = (None, "") if args.truth is None else import_truth(args.truth, side or USUAL)
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
     rig, subject, views, notes = given_rig(
-        args.calibration, sizes, list(recorded), subject, unit_m, args.lens, args.yes
+        args.calibration, sizes, list(recorded), subject, args.world_unit_m, args.lens, args.yes
     )
     joints = subject.joints
     recorded = in_views(recorded, views)
@@ -250,10 +246,6 @@ def _check_depth(recorded: Mapping[str, Recorded], scale: float | None) -> None:
             f"{deep[0].where}: how many metres is one unit of these files? Say it with --depth-scale: 0.001 for millimetres "
             "(Kinect, many RealSense), 0.0001 for a RealSense D405."
         )
-    if scale is not None and not 0 < scale < float("inf"):
-        raise HandtrackError(
-            f"--depth-scale {scale:g}: expected metres in one unit of the files, above 0."
-        )
     if scale is not None and not deep:
         raise HandtrackError("--depth-scale is about depth files, but no --depth is given.")
 
@@ -263,8 +255,6 @@ def _frame_rates(
 ) -> tuple[float, dict[str, float]]:
     """Return the session's frames a second, and those of cameras that differ."""
     if asked is not None:
-        if not 0 < asked < float("inf"):
-            raise HandtrackError(f"--fps {asked:g}: expected frames a second, above 0.")
         return asked, {}
     rates = {name: cam.images.fps for name, cam in recorded.items() if cam.images is not None}
     known = [rate for rate in rates.values() if rate > 0]

@@ -82,12 +82,12 @@ class Recorded:
 
 
 def recorded_cameras(
-    videos: Sequence[str], images: Sequence[str], depth: Sequence[str], keypoints: Sequence[str]
+    videos: Mapping[str, str],
+    images: Mapping[str, str],
+    depth: Mapping[str, str],
+    keypoints: Mapping[str, str],
 ) -> dict[str, Recorded]:
-    """Return what is given by camera, in the order of the options. Raises HandtrackError.
-
-    Each is a list of `CAMERA=FILE` or `CAMERA=PATTERN`.
-    """
+    """Return what is given by camera, in the order of the options: each a file or a pattern. Raises HandtrackError."""
     cameras: dict[str, Recorded] = {}
     for given in [*_each(_VIDEO, videos), *_each(_IMAGES, images)]:
         if given.camera in cameras:
@@ -96,18 +96,9 @@ def recorded_cameras(
         cameras[given.camera] = Recorded(given.camera, _opened(given))
     for given in _each(_DEPTH, depth):
         seen = cameras.get(given.camera, Recorded(given.camera))
-        if seen.depth is not None:
-            raise HandtrackError(
-                f"{given.where}: depth of the camera '{given.camera}' is given twice."
-            )
         cameras[given.camera] = replace(seen, depth=_opened(given))
-    for pair in keypoints:
-        camera, file = camera_and_file("--keypoints", pair, "joints.json")
+    for camera, file in keypoints.items():
         seen = cameras.get(camera, Recorded(camera))
-        if seen.keypoints is not None:
-            raise HandtrackError(
-                f"--keypoints {pair}: joints of the camera '{camera}' are given twice."
-            )
         cameras[camera] = replace(seen, keypoints=file)
     if not cameras:
         raise HandtrackError(
@@ -146,23 +137,8 @@ def in_views(
     return found
 
 
-def camera_and_file(option: str, pair: str, example: str) -> tuple[str, str]:
-    """Return both sides of `CAMERA=FILE`. Raises HandtrackError."""
-    camera, equals, file = pair.partition("=")
-    if not (equals and camera and file):
-        raise HandtrackError(
-            f"{option} {pair}: expected CAMERA=FILE, as in {option} cam0={example}, with the camera's name in the calibration."
-        )
-    return camera, file
-
-
-def _each(option: str, pairs: Sequence[str]) -> list[Given]:
-    example = "left.mp4" if option == _VIDEO else "'left/*.png'"
-    found = []
-    for pair in pairs:
-        camera, text = camera_and_file(option, pair, example)
-        found.append(Given(option, camera, text, (), None))
-    return found
+def _each(option: str, files: Mapping[str, str]) -> list[Given]:
+    return [Given(option, camera, text, (), None) for camera, text in files.items()]
 
 
 def _check_new(given: Given, others: Sequence[Given | None]) -> None:
