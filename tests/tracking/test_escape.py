@@ -45,7 +45,7 @@ class Scene:
         seen = mask_views(MODEL, truth, CAMERAS)
         self.terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(start), None)
         self.params = descend(MODEL, SETTINGS.solver, self.terms, start)[0].params
-        self.objective = FingerObjective.at(self.terms, self.params)
+        self.objective = FingerObjective.at(self.terms, self.params, Control())
 
     def cost(self, params):
         return self.objective.measured(Candidate(MODEL, params)).cost

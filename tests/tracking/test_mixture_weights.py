@@ -73,7 +73,9 @@ def test_two_parameters_that_err_together_are_weighed_together():
         components.append(Component(belief(turned(angle), covariance), likely, 0.5))
         both = covariance[plane] + np.linalg.inv(information[plane])
         masses.append(multivariate_normal([0.0, angle], both).pdf([0.0, 0.35]))
-    found, parents = searched(NextHypotheses(BALL, settings(), STIFF, NOTHING, components))
+    found, parents = searched(
+        NextHypotheses(BALL, settings(), STIFF, NOTHING, Control(), components)
+    )
     weights = dict(zip(parents, [h.weight for h in found], strict=True))
     assert weights[0] / weights[1] == pytest.approx(masses[0] / masses[1], rel=1e-2)
     assert abs(masses[0] / masses[1] - 1.0) > 0.3
@@ -98,9 +100,10 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
     monkeypatch.setattr(mixture_search, "JUMP_SHARE", share)
     chosen = settings(**{"mixture.draws": 4})
-    following = NextHypotheses(HAND, chosen, [chain], look, [Component(last, terms, 1.0)])
     told = []
-    found, _ = searched(following, Control(on_search=told.append))
+    control = Control(on_search=told.append)
+    component = Component(last, terms, 1.0)
+    found, _ = searched(NextHypotheses(HAND, chosen, [chain], look, control, [component]))
     weights = {h.origin: h.weight for h in found}
     (report,) = told
     masses = {origin: np.exp(-cost) for origin, cost in report.rounds[0][1]}
@@ -138,7 +141,8 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
 
     def log_priors(votes):
         monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
-        following = NextHypotheses(HAND, settings(**{"mixture.draws": 16}), two, look, [last])
+        chosen = settings(**{"mixture.draws": 16})
+        following = NextHypotheses(HAND, chosen, two, look, Control(), [last])
         return {c.origin: c.source.log_prior for c in following.each_jumped_along_chains([], 0)}
 
     even, uneven = log_priors([0.5, 0.5]), log_priors([0.2, 0.8])
@@ -152,12 +156,14 @@ def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monke
     components = [
         Component(belief(turned(angle), 1e-4 * np.eye(6)), frame(BALL), w) for w, angle in bells
     ]
-    found, parents = searched(NextHypotheses(BALL, settings(), STIFF, NOTHING, components))
+    found, parents = searched(
+        NextHypotheses(BALL, settings(), STIFF, NOTHING, Control(), components)
+    )
     assert parents == (0, 1, 2)
     assert_allclose([h.weight for h in found], [0.5, 0.3, 0.2], rtol=1e-6)
     apart = settings(**{"tracker.hypotheses": 2})
     monkeypatch.setattr(mixture, "APART_MM", 20.0)
-    found, parents = searched(NextHypotheses(BALL, apart, STIFF, NOTHING, components))
+    found, parents = searched(NextHypotheses(BALL, apart, STIFF, NOTHING, Control(), components))
     assert parents == (0, 2)
     assert_allclose([h.weight for h in found], [5 / 7, 2 / 7], rtol=1e-6)
     # nothing was seen: the belief neither moved nor became surer
@@ -190,8 +196,8 @@ def test_of_a_first_frame_costs_alone_decide():
     terms = frame(BALL, Wells(((0.2, 1.0, 0.1), (1.4, 2.0, 0.5), (-1.5, 2.5, 0.1))))
     told = []
     control = Control(on_search=told.append)
-    first = FirstHypotheses(BALL, settings(), STIFF, NOTHING, terms, np.zeros(6))
-    found, parents = searched(first, control)
+    first = FirstHypotheses(BALL, settings(), STIFF, NOTHING, control, terms, np.zeros(6))
+    found, parents = searched(first)
     assert_allclose([h.params[FACING] for h in found], [0.2, 1.4, -1.5], atol=1e-3)
     weights = np.exp([-1.0, -2.0, -2.5])
     assert_allclose([h.weight for h in found], weights / weights.sum(), rtol=1e-3)
@@ -234,7 +240,7 @@ def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
         ImageKeypoints(first, HAND.joint_names[::-1], pixels[::-1], sigma),
     )
     seen = Observation(0, 0.0, keypoints=joints)
-    reference = MixtureObjective(HAND, settings(), (), seen).reference
+    reference = MixtureObjective(HAND, settings(), (), seen, Control()).reference
     assert reference is not None
     camera, places = reference
     assert camera is first

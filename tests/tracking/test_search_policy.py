@@ -22,7 +22,7 @@ def grid(line, found, most):
     return [candidate(x, "grid") for x in (0.0, 1.0, 2.5, 2.6)]
 
 
-def half(line, candidates, iterations, control):
+def half(line, candidates, iterations):
     for _ in range(iterations):
         candidates = [candidate(0.5 * (c.params[0] + 3.0), c.origin) for c in candidates]
     return list(candidates)
@@ -30,6 +30,9 @@ def half(line, candidates, iterations, control):
 
 class Line:
     """An objective in one number: the cost is its distance from 3, a fit halves the way there."""
+
+    def __init__(self, on_search=None):
+        self.control = Control(on_search=on_search)
 
     def distinct(self, candidates, most):
         kept = []
@@ -49,11 +52,11 @@ def places(found):
 
 def test_a_round_proposes_thins_and_fits():
     search = Search("", "", (Round(((grid, 0),), enter=2, fits=((half, 1),)),), "")
-    assert places(run_rounds(search, Line(), (), Control())) == [2.8, 2.0]
+    assert places(run_rounds(search, Line(), ())) == [2.8, 2.0]
     alone = Search("", "", (Round(((grid, 0),), keep=0, fits=((half, 1),)),), "")
-    assert places(run_rounds(alone, Line(), [candidate(5.0)], Control())) == [1.5, 2.0, 2.75, 2.8]
+    assert places(run_rounds(alone, Line(), [candidate(5.0)])) == [1.5, 2.0, 2.75, 2.8]
     adds = Search("", "", (Round(((grid, 0),), adds=True, enter=1, fits=((half, 2),)),), "")
-    assert places(run_rounds(adds, Line(), [candidate(5.0)], Control())) == [5.0, 2.9]
+    assert places(run_rounds(adds, Line(), [candidate(5.0)])) == [5.0, 2.9]
 
 
 def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
@@ -64,8 +67,7 @@ def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
     ):  # fmt: skip
         search = Search("", "", rounds, "", factor=factor, margin=margin)
         standing, told = candidate(start), []
-        control = Control(on_search=told.append)
-        found = improved(search, Line(), standing, control, 7, "asked")
+        found = improved(search, Line(told.append), standing, 7, "asked")
         assert (found is not standing) == taken, (factor, margin, start)
         assert (told[0].winner is not None) == taken
         assert places([found]) == ([2.6] if taken else [start])
@@ -75,7 +77,7 @@ def test_it_goes_on_from_a_better_pose_as_often_as_the_row_says():
     rounds = (Round(((grid, 0),), keep=0, fits=((half, 1),)),)
     told = []
     search = Search("a line", "", rounds, "distance", repeats=3)
-    improved(search, Line(), candidate(9.0), Control(on_search=told.append), 7, "asked")
+    improved(search, Line(told.append), candidate(9.0), 7, "asked")
     assert [report.winner is not None for report in told] == [True, False]
 
 
@@ -88,5 +90,5 @@ def test_a_round_is_made_again_while_its_best_is_better_by_the_margin(costs, mad
         return [SimpleNamespace(cost=left.pop(0), origin="more")]
 
     search = Search("", "", (Round(((more, 0),), adds=True, times=3),), "", margin=0.9)
-    found = run_rounds(search, SimpleNamespace(), (), Control(), tried=tried)
+    found = run_rounds(search, SimpleNamespace(), (), tried=tried)
     assert len(tried) == made and [c.cost for c in found] == list(costs[:made])

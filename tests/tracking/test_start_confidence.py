@@ -9,7 +9,6 @@ from handtrack import TrackerSettings, load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.control import Control
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.global_search import (
@@ -50,14 +49,14 @@ def seen_by(cameras, rng, pose="point"):
 
 def descended(objective, candidate):
     """Return a candidate after a dozen steps with wide arms."""
-    return wide(objective, [candidate], 12, Control())[0]
+    return wide(objective, [candidate], 12)[0]
 
 
 def settled(objective, candidate):
     """Return where a pose comes to rest, wide and then narrow, and its cost there."""
     near = descended(objective, candidate)
     for _ in range(2):  # what counts around a pose is taken anew
-        near = narrow(objective, [near], 8, Control())[0]
+        near = narrow(objective, [near], 8)[0]
     return near
 
 
@@ -124,5 +123,5 @@ def test_a_size_is_not_drawn_to_either_side(true_size):
     objective = replace(objective, resize=lambda model, scale: load_model(scale=scale))
     candidates = [Candidate(MODEL, params, shape=shape_of(MODEL, joint, "open"))]
     for fit, iterations in ((wide, 20), (narrow, 8), (size, 0)):
-        candidates = fit(objective, candidates, iterations, Control())
+        candidates = fit(objective, candidates, iterations)
     assert candidates[0].model.scale.overall == pytest.approx(true_size, rel=0.01)

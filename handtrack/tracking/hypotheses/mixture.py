@@ -15,7 +15,6 @@ from handtrack.sampling.chains import chains_of
 from handtrack.sampling.suppression import apart_joints
 from handtrack.solver.covariance import covariance
 from handtrack.tracking.frame.constants import APART_MM
-from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import Descended, by_keypoints_alone, stage_problem
 from handtrack.tracking.frame.frame_task import FrameTask, Solved, solved_result
 from handtrack.tracking.frame.result import Alternative
@@ -40,7 +39,7 @@ from handtrack.tracking.search.engine import Tried, report, run_rounds
 
 
 def searched(
-    objective: FirstHypotheses | NextHypotheses, control: Control = Control()
+    objective: FirstHypotheses | NextHypotheses,
 ) -> tuple[tuple[Hypothesis, ...], tuple[int, ...]]:
     """Return the hypotheses of a frame, the heaviest of the distinct minima that are found, and which of the last frame's each continues; −1
     in a first frame.
@@ -49,7 +48,7 @@ def searched(
     if isinstance(objective, NextHypotheses):
         search, why = NEXT_HYPOTHESES, f"carried on: {len(objective.components)}"
     tried: Tried = []
-    found = run_rounds(search, objective, (), control, tried=tried)
+    found = run_rounds(search, objective, (), tried=tried)
     found = [c for c in found if np.isfinite(c.cost)]
     if not found:
         raise HandtrackError(
@@ -57,7 +56,7 @@ def searched(
             "cameras' calibration."
         )
     kept = _carried(objective, objective.distinct(found, len(found)))
-    report(search, control, objective.seen.frame, why, tried, kept[0])
+    report(search, objective.control, objective.seen.frame, why, tried, kept[0])
     cost = np.array([c.cost for c in kept])
     weights = np.exp(cost.min() - cost)
     weights /= weights.sum()
@@ -120,17 +119,17 @@ def solve_mixture(
     """
     params, terms = task.opened()
     chains = chains_of(task.model, task.settings.mixture.chains)
-    objective = task.model, task.settings, chains, task.observation
+    objective = task.model, task.settings, chains, task.observation, task.control
     if not terms.has_seen:
         parents = range(len(carried))
         return _with_alternatives(task.model, task.unseen(), carried, parents), tuple(carried)
     if carried:
         components = [_component(task, hypothesis) for hypothesis in carried]
-        hypotheses, parents = searched(NextHypotheses(*objective, components), task.control)
+        hypotheses, parents = searched(NextHypotheses(*objective, components))
         terms = components[parents[0]].terms
     else:
         terms = terms.without_motion()
-        hypotheses, parents = searched(FirstHypotheses(*objective, terms, params), task.control)
+        hypotheses, parents = searched(FirstHypotheses(*objective, terms, params))
     best = hypotheses[0].params
     problem = stage_problem(task.model, terms, terms.stages - 1, best)
     found = Descended(best, problem, 0, problem.linearize(best))

@@ -75,6 +75,7 @@ class MixtureObjective:
     settings: TrackerSettings
     chains: Sequence[Chain]
     seen: Observation
+    control: Control
 
     @cached_property
     def rng(self) -> np.random.Generator:
@@ -98,14 +99,12 @@ class MixtureObjective:
         """Return a start at each of params (N, P)."""
         return [Start(self.model, x, origin=source.origin, source=source) for x in params]
 
-    def minimum(
-        self, candidates: Sequence[Start], iterations: int, control: Control
-    ) -> list[Start]:
+    def minimum(self, candidates: Sequence[Start], iterations: int) -> list[Start]:
         """Descend by the frame's schedule, or, by joints in images alone, by the compiled solver from all starts at once."""
         groups = [list(group) for _, group in groupby(candidates, key=lambda c: id(c.source))]
-        return [found for group in groups for found in self._minima(group, control)]
+        return [found for group in groups for found in self._minima(group)]
 
-    def _minima(self, group: Sequence[Start], control: Control) -> list[Start]:
+    def _minima(self, group: Sequence[Start]) -> list[Start]:
         """Return minima with what they weigh.
 
         The mass is exp(−cost) times the prior's normalisation times √det(2π C), what the bell of covariance C around the
@@ -119,7 +118,7 @@ class MixtureObjective:
             source.sought,
             np.array([c.params for c in group]),
             source.most,
-            control.should_stop,
+            self.control.should_stop,
             is_far=is_first,
         )
         return self.weighed(source, found)

@@ -74,7 +74,7 @@ def auto_start(
         resize=resize,
         control=control,
     )
-    done = run_rounds(search, objective, found, control, on_round=_telling(search, tell))
+    done = run_rounds(search, objective, found, on_round=_telling(search, tell))
     return _compared(objective, done, settings, size_sigma, search.most)
 
 

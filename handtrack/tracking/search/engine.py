@@ -63,6 +63,9 @@ C = TypeVar("C", bound=Candidate)
 class Objective(Protocol[C]):
     """One frame, as a search sees it: it keeps candidates apart; the functions of a policy know the rest of it."""
 
+    @property
+    def control(self) -> Control: ...
+
     def distinct(self, candidates: Sequence[C], most: int) -> list[C]:
         """Return the best, at most so many, each pose once, by rising cost."""
         ...
@@ -70,8 +73,8 @@ class Objective(Protocol[C]):
 
 Proposer = Callable[[Any, Sequence[Any], int], list[Any]]
 """(objective, candidates so far, how many at most; 0: all) → new candidates"""
-Fitter = Callable[[Any, Sequence[Any], int, Control], list[Any]]
-"""(objective, candidates, iterations, control) → the candidates improved, with new costs; fewer when stopped"""
+Fitter = Callable[[Any, Sequence[Any], int], list[Any]]
+"""(objective, candidates, iterations) → the candidates improved, with new costs; fewer when stopped"""
 
 
 @dataclass(frozen=True)
@@ -164,7 +167,6 @@ def run_rounds(
     search: Search,
     objective: Objective[C],
     candidates: Sequence[C],
-    control: Control,
     on_round: Callable[[int, int], None] | None = None,
     tried: Tried | None = None,
 ) -> list[C]:
@@ -192,7 +194,7 @@ def run_rounds(
             if on_round is not None:
                 on_round(number, len(entering))
             for fit, iterations in step.fits:
-                entering = fit(objective, entering, iterations, control)
+                entering = fit(objective, entering, iterations)
             if tried is not None:
                 tried.append((len(proposed), tuple((c.origin, c.cost) for c in entering)))
             before, now = (min((c.cost for c in row), default=np.inf) for row in (found, entering))
@@ -206,7 +208,6 @@ def improved(
     search: Search,
     objective: Objective[C],
     standing: C,
-    control: Control,
     frame: int,
     why: str,
     compared: Callable[[Sequence[C]], list[C]] = list,
@@ -215,9 +216,10 @@ def improved(
 
     compared: measures them by the same pixels, where their costs are not.
     """
+    control = objective.control
     for _ in range(search.repeats):
         tried: Tried = []
-        found = run_rounds(search, objective, [standing], control, tried=tried)
+        found = run_rounds(search, objective, [standing], tried=tried)
         if control.should_stop():
             return standing
         standing, *found = compared([standing, *found])

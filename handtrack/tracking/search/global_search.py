@@ -248,7 +248,7 @@ def _best(found: Sequence[Candidate]) -> list[Candidate]:
 
 
 def wide(
-    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int
 ) -> list[Candidate]:
     """Descend on thinned points and pixels with arms of 12 mm."""
 
@@ -256,22 +256,22 @@ def wide(
         moved = _descended(objective, candidate, WIDE_M, iterations)
         return replace(moved, cost=objective.problem(moved, WIDE_M).cost(moved.params))
 
-    return _each(descended, candidates, control)
+    return _each(objective, descended, candidates)
 
 
 def narrow(
-    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int
 ) -> list[Candidate]:
     """Descend with arms of 4 mm."""
     return _each(
+        objective,
         lambda c: objective.measured(_descended(objective, c, NARROW_M, iterations)),
         candidates,
-        control,
     )
 
 
 def size(
-    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int
 ) -> list[Candidate]:
     """Descend with the hand's overall size free."""
     resize = objective.resize
@@ -279,27 +279,30 @@ def size(
         return []
     exact = [partial(objective.problem, band_m=1e-3 * mm, unbiased=True) for mm in SIZE_BANDS_MM]
     problems = [partial(objective.problem, band_m=WIDE_M), *exact]
-    return _each(lambda c: objective.measured(_sized(c, problems, resize)), candidates, control)
+    return _each(objective, lambda c: objective.measured(_sized(c, problems, resize)), candidates)
 
 
 def tracker(
-    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int
 ) -> list[Candidate]:
     """Solve the frame as tracking does."""
-    return _each(lambda c: _solved(objective, c, False), candidates, control)
+    return _each(objective, lambda c: _solved(objective, c, False), candidates)
 
 
 def tracker_with_lost_fingers(
-    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int
 ) -> list[Candidate]:
     """Solve the frame as tracking does, lost fingers looked for."""
-    return _each(lambda c: _solved(objective, c, True), candidates, control)
+    return _each(objective, lambda c: _solved(objective, c, True), candidates)
 
 
 def _each(
-    fit: Callable[[Candidate], Candidate], candidates: Sequence[Candidate], control: Control
+    objective: GlobalObjective,
+    fit: Callable[[Candidate], Candidate],
+    candidates: Sequence[Candidate],
 ) -> list[Candidate]:
-    found = in_parallel(lambda c: None if control.should_stop() else fit(c), candidates)
+    should_stop = objective.control.should_stop
+    found = in_parallel(lambda c: None if should_stop() else fit(c), candidates)
     return [c for c in found if c is not None]
 
 

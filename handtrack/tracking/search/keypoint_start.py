@@ -102,6 +102,7 @@ class ImageJointObjective:
     seen: Sequence[ImageKeypoints]
     most: ImageKeypoints
     """the view with most joints: it proposes"""
+    control: Control = Control()
 
     def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
         params = np.array([c.params for c in candidates])
@@ -131,10 +132,7 @@ def flips_in_depth_of_the_best(
 
 
 def polish_joints(
-    objective: ImageJointObjective,
-    candidates: Sequence[Candidate],
-    iterations: int,
-    control: Control,
+    objective: ImageJointObjective, candidates: Sequence[Candidate], iterations: int
 ) -> list[Candidate]:
     """Descend by the compiled solver for joints, all starts at once."""
     model = objective.model
@@ -174,7 +172,7 @@ def hands_from_images(model: ArticulatedModel, seen: Sequence[ImageKeypoints]) -
             "Add points, or pose the hand by parameters."
         )
     objective = ImageJointObjective(model, seen, most)
-    found = run_rounds(IMAGE_JOINTS, objective, (), Control())
+    found = run_rounds(IMAGE_JOINTS, objective, ())
     chosen = [c for c in objective.distinct(found, IMAGE_JOINTS.most) if np.isfinite(c.cost)]
     weight = np.exp([chosen[0].cost - c.cost for c in chosen])
     weight /= weight.sum()

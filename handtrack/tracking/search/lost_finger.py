@@ -43,13 +43,14 @@ class FingerObjective:
     """the widest band where the pose stands: ranks the positions that a finger is put to"""
     here: BonePoses
     """where the bands are frozen while poses are compared"""
+    control: Control
 
     @classmethod
-    def at(cls, terms: FrameTerms, params: Floats[P]) -> FingerObjective:
+    def at(cls, terms: FrameTerms, params: Floats[P], control: Control) -> FingerObjective:
         """Return the objective around a pose that was found with these terms."""
         free = terms.without_motion()
         model = terms.model
-        return cls(free, stage_problem(model, free, 0, params), model.bones(params))
+        return cls(free, stage_problem(model, free, 0, params), model.bones(params), control)
 
     def measured(self, candidate: Candidate) -> Candidate:
         """Return a candidate with its cost in the narrowest band."""
@@ -91,16 +92,17 @@ def finger_on_grid(
 
 
 def frame_schedule(
-    objective: FingerObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+    objective: FingerObjective, candidates: Sequence[Candidate], iterations: int
 ) -> list[Candidate]:
     """Descend by the frame's own schedule, band after band, asking where a candidate starts what is in view."""
     model, settings = objective.terms.model, objective.terms.settings.solver
+    should_stop = objective.control.should_stop
 
     def solved(candidate: Candidate) -> Candidate | None:
-        if control.should_stop():
+        if should_stop():
             return None
         terms = objective.terms.as_seen_at(model.bones(candidate.params))
-        found = descend(model, settings, terms, candidate.params, control.should_stop)[0].params
+        found = descend(model, settings, terms, candidate.params, should_stop)[0].params
         return objective.measured(replace(candidate, params=found))
 
     return [c for c in in_parallel(solved, candidates) if c is not None]
@@ -153,9 +155,9 @@ def with_fingers_found(
     search: Search = LOST_FINGER,
 ) -> Floats[P]:
     """Return solver parameters with lost fingers found; the very same where none was lost."""
-    objective = FingerObjective.at(terms, params)
+    objective = FingerObjective.at(terms, params, control)
     standing = objective.measured(Candidate(terms.model, params, origin="standing pose"))
-    return improved(search, objective, standing, control, frame, why).params
+    return improved(search, objective, standing, frame, why).params
 
 
 def finger_grid(far: Problem, params: Floats[P], most: int) -> list[tuple[str, Floats[P]]]:

@@ -75,7 +75,7 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     here = shape_of(model, result.parameters, "last")
     standing = objective.measured(Candidate(model, params, origin="standing pose", shape=here))
     number = task.observation.frame
-    best = improved(LOST_HAND, objective, standing, task.control, number, why, compared)
+    best = improved(LOST_HAND, objective, standing, number, why, compared)
     return solved if best.solved is None else _judged(task, best.solved)
 
 

@@ -83,7 +83,7 @@ def _least_of_each(
 def _found(objective: GlobalObjective, standing: float) -> list[Candidate]:
     """Return poses at which a hand of the objective's shapes was found."""
     control, tried = objective.control, Tried()
-    found = run_rounds(OTHER_SIDE, objective, [], control, tried=tried)
+    found = run_rounds(OTHER_SIDE, objective, [], tried=tried)
     best = min(found, key=lambda c: c.cost, default=None)
     why = f"is it a {objective.shapes[0].model.side} hand?"
     report(OTHER_SIDE, control, objective.seen.frame, why, tried, best, standing)
