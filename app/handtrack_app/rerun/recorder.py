@@ -30,7 +30,14 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack_app.protocol.snapshots import Notice, RerunPage
-from handtrack_app.rerun.stream import DOTTED, Pictures, RerunStream, grey, signed_colours
+from handtrack_app.rerun.stream import (
+    DOTTED,
+    Pictures,
+    RerunStream,
+    grey,
+    log_space,
+    signed_colours,
+)
 
 log = logging.getLogger(__name__)
 
@@ -69,7 +76,8 @@ class ResidualRecorder:
         self._closely = closely
         self._steps: list[Step] = []
         self._watched: tuple[_Entry, _Painter] | None = None
-        self._failure = ""
+        self.problem = ""
+        """why recording stopped, in words; empty while all is well"""
         self._waiting: SimpleQueue[_Entry | None] = SimpleQueue()
         """None: the end"""
         self._live = live
@@ -81,11 +89,6 @@ class ResidualRecorder:
     def url(self) -> str:
         """Where the live viewer's page is; empty without one."""
         return self._stream.url
-
-    @property
-    def problem(self) -> str:
-        """Why recording stopped, in words; empty while all is well."""
-        return self._failure
 
     @property
     def is_behind(self) -> bool:
@@ -106,14 +109,14 @@ class ResidualRecorder:
 
         return replace(control, on_iteration=note)
 
-    def show(self, result: FrameResult) -> None:
-        """Hand in a tracked frame; returns at once."""
-        if self._failure:
+    def show(self, result: FrameResult, run: TrackingRun | None = None) -> None:
+        """Hand in a tracked frame; returns at once. run: that it was tracked with, where that is another of the same session."""
+        if self.problem:
             return
         steps: list[Step] = []
         if result.frame == self._closely:
             steps, self._steps = self._steps, steps
-        self._waiting.put((self._run, result, steps))
+        self._waiting.put((run or self._run, result, steps))
 
     def go_on_with(self, run: TrackingRun) -> None:
         """Record what is handed in from now on as frames of another run of the same session."""
@@ -136,7 +139,7 @@ class ResidualRecorder:
                 self._record_watched()
         except Exception as error:  # tracking goes on without the recording
             log.exception("recording residuals stopped")
-            self._failure = f"recording residuals stopped: {error}"
+            self.problem = f"recording residuals stopped: {error}"
             self._waiting = SimpleQueue()
 
     def _record(self, run: TrackingRun, result: FrameResult, steps: list[Step]) -> None:
@@ -150,16 +153,18 @@ class ResidualRecorder:
         self._stream.log(result, _named(model, result.parameters), _error_mm(run, result))
         if painter is not None:
             self._stream.log_pictures(painter.pictures(painter.params), painter.overlap())
-            self._stream.log_space(model, *painter.space())
+            log_space(self._stream.recording, model, *painter.space())
             if steps:
                 self._watched = (run, result, steps), painter
 
     def _before(self, run: TrackingRun, frame: int) -> Before | None:
         """Return the frame whose texture is carried into this one, and the first; None where none is, or none is looked at."""
-        around = (frame - 1, frame + 1)
-        known = self._stream.results
-        last = next((known[n] for n in around if n in known), None)
-        if last is None or run.settings.intensity.weight == 0:
+        if run.settings.intensity.weight == 0:
+            return None
+        count = len(run.model.parameter_names)  # others are of another model
+        known = {n: r for n, r in self._stream.results.items() if len(r.parameters) == count}
+        last = next((known[n] for n in (frame - 1, frame + 1) if n in known), None)
+        if last is None:
             return None
         first = next(iter(known.values()))
         return replace(_solved(run, last), first=_solved(run, first))
@@ -288,15 +293,13 @@ def _named(model: ArticulatedModel, values: Floats) -> dict[str, float]:
 
 
 class LiveRecorder:
-    """One recording, in a viewer of its own, for each state of model and settings, once it is switched on."""
+    """One recording in one viewer, of frames of whatever settings, once it is switched on."""
 
     def __init__(self, publish: Callable[[Notice | RerunPage], None], is_on: bool) -> None:
         self.is_on = is_on
         """whether tracked frames are recorded as they come"""
         self._publish = publish
-        self._run: TrackingRun | None = None
         self._recorder: ResidualRecorder | None = None
-        self._told_problem = False
 
     @property
     def is_behind(self) -> bool:
@@ -304,9 +307,11 @@ class LiveRecorder:
         return self._recorder is not None and self._recorder.is_behind
 
     def open(self) -> None:
-        """Record from now on, and say where the viewer is."""
+        """Record from now on, and say where the viewer is; in another one where recording stopped."""
         self.is_on = True
-        if self._recorder is not None and not self._recorder.problem:
+        if self._recorder is not None and self._recorder.problem:
+            self.close()
+        if self._recorder is not None:
             self._publish(RerunPage(self._recorder.url))
 
     def show(self, run: TrackingRun, result: FrameResult) -> None:
@@ -314,24 +319,16 @@ class LiveRecorder:
         if not self.is_on:
             return
         recorder = self._recorder
-        if recorder is None or run is not self._run:
-            recorder = self._begin(run)
-        recorder.show(result)
-        if recorder.problem and not self._told_problem:
-            self._told_problem = True
+        if recorder is None:
+            self._recorder = recorder = ResidualRecorder(run, live=True)
+            self._publish(RerunPage(recorder.url))
+        recorder.show(result, run)
+        if recorder.problem:
+            self.is_on = False
             self._publish(Notice("warning", "Nothing goes to rerun", recorder.problem))
-
-    def _begin(self, run: TrackingRun) -> ResidualRecorder:
-        before = self._recorder
-        if before is not None:  # it may still have pictures to paint: not on this thread
-            threading.Thread(target=before.close, name="rerun-close", daemon=True).start()
-        self._run, self._told_problem = run, False
-        self._recorder = recorder = ResidualRecorder(run, live=True)
-        self._publish(RerunPage(recorder.url))
-        return recorder
 
     def close(self) -> None:
         """End the recording and its viewer."""
         if self._recorder is not None:
             self._recorder.close()
-            self._recorder = self._run = None
+            self._recorder = None

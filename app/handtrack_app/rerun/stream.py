@@ -278,9 +278,9 @@ class RerunStream:
         if self._viewer is not None:
             self._viewer.start()
             sinks.append(rr.GrpcSink(self._viewer.address))
-        self._recording = rr.RecordingStream("handtrack", send_properties=False)
-        self._recording.set_sinks(*sinks, default_blueprint=_layout())
-        log_cameras(self._recording, self._cameras)
+        self.recording = rr.RecordingStream("handtrack", send_properties=False)
+        self.recording.set_sinks(*sinks, default_blueprint=_layout())
+        log_cameras(self.recording, self._cameras)
         return self
 
     def log(
@@ -294,7 +294,7 @@ class RerunStream:
         """
         import rerun as rr
 
-        recording = self._recording
+        recording = self.recording
         recording.set_time("frame", sequence=result.frame)
         recording.set_time("time", duration=result.time_s)
         _log_scalars(recording, "energy", {"total": result.energy, **result.energies})
@@ -313,19 +313,9 @@ class RerunStream:
         kinds = {kind for made in pictures.values() for kind in made if kind.startswith(DOTTED)}
         if not kinds <= self._kinds:
             self._kinds |= kinds
-            self._recording.send_blueprint(_layout(self._kinds))
-        _log_pictures(self._recording, "cameras", pictures)
-        _log_scalars(self._recording, "overlap", overlap)
-
-    def log_space(
-        self,
-        model: ArticulatedModel,
-        bones: BonePoses,
-        cloud: Floats[N, D3] | None,
-        residuals: Mapping[str, tuple[Floats[N, D3], Floats[N]]],
-    ) -> None:
-        """Write the hand in space (`log_space`)."""
-        log_space(self._recording, model, bones, cloud, residuals)
+            self.recording.send_blueprint(_layout(self._kinds))
+        _log_pictures(self.recording, "cameras", pictures)
+        _log_scalars(self.recording, "overlap", overlap)
 
     def log_iteration(
         self,
@@ -336,7 +326,7 @@ class RerunStream:
         pictures: Pictures,
     ) -> None:
         """Write a solver iteration of a frame that is looked at closely, and was written."""
-        recording, root = self._recording, f"closely/frame_{frame}"
+        recording, root = self.recording, f"closely/frame_{frame}"
         recording.reset_time()
         recording.set_time("iteration", sequence=iteration)
         _log_scalars(recording, f"{root}/energy", {"total": energy})
@@ -346,8 +336,8 @@ class RerunStream:
 
     def __exit__(self, *_: object) -> None:
         """End the recording; the viewer stays."""
-        self._recording.flush(timeout_sec=_CLOSING_S)
-        self._recording.disconnect()
+        self.recording.flush(timeout_sec=_CLOSING_S)
+        self.recording.disconnect()
 
     def stop_viewer(self) -> None:
         """End the live viewer."""
