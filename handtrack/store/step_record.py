@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from math import prod
 from typing import Any
@@ -122,28 +122,16 @@ def _result(data: dict[str, Any], arrays: dict[str, Array]) -> FrameResult:
 
 
 def _of_hypothesis(known: Hypothesis, number: int, packed: _Packed) -> list[object]:
-    for name, read in _HYPOTHESIS.items():
-        packed.add(f"hypothesis{number}.{name}", read(known))
+    for name, field in _BELIEF.items():
+        packed.add(f"hypothesis{number}.{name}", getattr(known.belief, field))
     return [float(known.cost), float(known.weight), known.origin]
 
 
 def _hypothesis(numbers: list[Any], number: int, arrays: dict[str, Array]) -> Hypothesis:
     cost, weight, origin = numbers
-    a = {name: arrays[f"hypothesis{number}.{name}"] for name in _HYPOTHESIS}
-    return Hypothesis(
-        params=a["params"],
-        cost=cost,
-        covariance=a["covariance"],
-        weight=weight,
-        origin=origin,
-        belief=MotionBelief(a["mean"], a["velocity"], a["motion"]),
-    )
+    belief = {field: arrays[f"hypothesis{number}.{name}"] for name, field in _BELIEF.items()}
+    return Hypothesis(MotionBelief(**belief), cost, weight, origin)
 
 
-_HYPOTHESIS: dict[str, Callable[[Hypothesis], Array]] = {
-    "params": lambda h: h.params,
-    "covariance": lambda h: h.covariance,
-    "mean": lambda h: h.belief.mean,
-    "velocity": lambda h: h.belief.velocity,
-    "motion": lambda h: h.belief.covariance,
-}
+_BELIEF = {"mean": "mean", "velocity": "velocity", "motion": "covariance"}
+"""arrays of a hypothesis, and the fields of its belief"""

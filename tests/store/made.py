@@ -28,11 +28,17 @@ def step(rng: np.random.Generator, frame: int, hypotheses: int = 0) -> Step:
     count = len(PARAMETERS)
     known = tuple(
         Hypothesis(
-            rng.normal(size=count), 1.5, np.asfortranarray(rng.normal(size=(count, count))), 0.5, "followed",
-            MotionBelief(rng.normal(size=count), rng.normal(size=count), rng.normal(size=(2 * count, 2 * count))),
+            MotionBelief(
+                rng.normal(size=count),
+                rng.normal(size=count),
+                np.asfortranarray(rng.normal(size=(2 * count, 2 * count))),
+            ),
+            1.5,
+            0.5,
+            "followed",
         )
         for _ in range(hypotheses)
-    )  # fmt: skip
+    )
     others = tuple(
         Alternative(h.params, h.cost, h.weight, n, h.origin) for n, h in enumerate(known)
     )

@@ -33,7 +33,6 @@ from handtrack.tracking.hypotheses.motion_belief import (
     Hypothesis,
     MotionBelief,
     unknown_speed,
-    with_wrapped_turn,
 )
 from handtrack.tracking.search.engine import Tried, report, run_rounds
 
@@ -94,9 +93,7 @@ def _hypothesis(found: Start, weight: float) -> Hypothesis:
         if source.belief is None
         else source.belief.updated(params, spread)
     )
-    return with_wrapped_turn(
-        Hypothesis(params, found.energy, spread, weight, source.origin, belief)
-    )
+    return Hypothesis(belief.with_wrapped_turn(), found.energy, weight, source.origin)
 
 
 def speed_of_change(model: ArticulatedModel, settings: TrackerSettings) -> Floats[P]:

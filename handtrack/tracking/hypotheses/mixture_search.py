@@ -45,9 +45,7 @@ class Source:
 
     origin: str
     terms: FrameTerms
-    """what the frame costs, without any pull to the expected pose"""
-    sought: FrameTerms
-    """the terms whose minima are sought: the same, pulled or seen coarsely"""
+    """whose minima are sought: what the frame costs, pulled to the expected pose, or seen coarsely"""
     most: int
     """of the starts that descend, where the frame is not solved by keypoints alone"""
     belief: MotionBelief | None = None
@@ -115,7 +113,7 @@ class MixtureObjective:
         found = minima(
             model,
             self.settings.solver,
-            source.sought,
+            source.terms,
             np.array([c.params for c in group]),
             source.most,
             self.control.should_stop,
@@ -161,19 +159,19 @@ class FirstHypotheses(MixtureObjective):
 
     def headings_at_low_resolution(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the start turned all about the root's own axis, the joints as if seen ten times as coarsely."""
-        far = Source("start", self.terms, coarse(self.terms), most)
+        far = Source("start", coarse(self.terms), most)
         return self.starts(far, self._turned(most))
 
     def start_and_candidates(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the given start and all candidates so far."""
-        near = Source("start", self.terms, self.terms, len(found))
+        near = Source("start", self.terms, len(found))
         return self.starts(near, np.array([self.start, *(c.params for c in found)]))
 
     def interpretation_trees_of_the_best(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the poses of the best minima's interpretation trees, and samples around these minima."""
         if self.reference is None or not self.chains:
             return []
-        source = Source("first tree", self.terms, self.terms, MIXTURE_DESCENTS)
+        source = Source("first tree", self.terms, MIXTURE_DESCENTS)
         latest = [c for c in found if c.source is found[-1].source]
         return self.starts(source, self._trees_of_best(latest, *self.reference, most))
 
@@ -251,13 +249,12 @@ class NextHypotheses(MixtureObjective):
         belief = component.belief
         if self.settings.traits.closest_prior:
             most = max(MIXTURE_DESCENTS // len(self.components), 2)
-            source = Source("followed", component.terms, component.terms, most, belief, i)
+            source = Source("followed", component.terms, most, belief, i)
             return self.starts(source, belief.mean[None])
         log = np.log1p(-self._jump_share) + np.log(max(component.weight, _WEIGHTLESS))
         log += log_normal(belief.place_covariance)
         source = Source(
             "followed",
-            component.terms,
             pulled(self.model, component.terms, belief, ()),
             max(MIXTURE_DESCENTS // len(self.components), 2),
             belief,
@@ -273,7 +270,7 @@ class NextHypotheses(MixtureObjective):
         component, chain = self.components[i], self.chains[c]
         model, belief, names = self.model, component.belief, self.model.transform.names
         if self.settings.traits.closest_prior:
-            return Source(f"{chain.name} jumped", component.terms, component.terms, 1, belief, i)
+            return Source(f"{chain.name} jumped", component.terms, 1, belief, i)
         columns = np.array(indices(names, chain.parameters))
         low, high = model.bounds(belief.mean)[columns].T
         ranges = np.clip(high - low, 1e-3, 2.0 * np.pi)
@@ -286,7 +283,6 @@ class NextHypotheses(MixtureObjective):
         spread[columns] = ranges / np.sqrt(12.0)
         return Source(
             f"{chain.name} jumped",
-            component.terms,
             pulled(model, component.terms, belief, columns),
             1,
             belief.released(columns, spread, unknown_speed(len(names))),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from handtrack.arrays import P2, Floats, Ints, K, P, array_dataclass
@@ -18,7 +16,7 @@ class MotionBelief:
     """A normal distribution of place and velocity."""
 
     mean: Floats[P]
-    """[m, rad]"""
+    """solver parameters, the first three in metres, the next three the root's rotation vector"""
     velocity: Floats[P]
     """a frame"""
     covariance: Floats[P2, P2]
@@ -74,9 +72,15 @@ class MotionBelief:
         velocity = self.velocity + gain @ (mean - self.mean)
         return MotionBelief(mean, velocity, 0.5 * (whole + whole.T))
 
-    def recharted(self, mean: Floats[P], change: Floats[P, P]) -> MotionBelief:
-        """Return the same belief in other coordinates, in which the place is mean and d new = change d old."""
+    def with_wrapped_turn(self) -> MotionBelief:
+        """Return the same belief with a root's turn of at most half a turn: who spins would reach 2π, where it is singular."""
+        mean, turn = self.mean.copy(), self.mean[3:6]
+        if float(np.linalg.norm(turn)) <= np.pi:
+            return self
+        mean[3:6] = wrapped(turn)
         count = len(mean)
+        change = np.eye(count)  # d new by d old
+        change[3:6, 3:6] = np.linalg.solve(left_jacobian(mean[3:6]), left_jacobian(turn))
         both = np.zeros_like(self.covariance)
         both[:count, :count] = both[count:, count:] = change
         return MotionBelief(mean, change @ self.velocity, both @ self.covariance @ both.T)
@@ -104,33 +108,17 @@ def unknown_speed(size: int) -> Floats[P]:
 
 @array_dataclass
 class Hypothesis:
-    """One minimum of a frame's cost, the normal distribution around it, and how it moves."""
+    """One minimum of a frame's cost, as a normal distribution around it and of how it moves."""
 
-    params: Floats[P]
-    """solver parameters, the first three in metres, the next three the root's rotation vector"""
+    belief: MotionBelief
     cost: float
     """½ Σ r² at the minimum, priors included"""
-    covariance: Floats[P, P]
-    """[m, rad]"""
     weight: float
     """share of the posterior among the hypotheses of its frame"""
     origin: str
     """where it comes from: the last frame, a chain's flips"""
-    belief: MotionBelief
 
-
-def with_wrapped_turn(hypothesis: Hypothesis) -> Hypothesis:
-    """Return the same hypothesis with a root's turn of at most half a turn: who spins would reach 2π, where it is singular."""
-    turn = hypothesis.params[3:6]
-    if float(np.linalg.norm(turn)) <= np.pi:
-        return hypothesis
-    params = hypothesis.params.copy()
-    params[3:6] = wrapped(turn)
-    change = np.eye(len(params))
-    change[3:6, 3:6] = np.linalg.solve(left_jacobian(params[3:6]), left_jacobian(turn))
-    return replace(
-        hypothesis,
-        params=params,
-        covariance=change @ hypothesis.covariance @ change.T,
-        belief=hypothesis.belief.recharted(params, change),
-    )
+    @property
+    def params(self) -> Floats[P]:
+        """The minimum's solver parameters."""
+        return self.belief.mean
