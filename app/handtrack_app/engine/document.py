@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
-from itertools import islice
+from dataclasses import MISSING, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, Ints, K, P, S, evenly_spread
+from handtrack.arrays import Floats, P, S, evenly_spread
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
-from handtrack.diagnostics.flexion import BENT_JOINTS
-from handtrack.diagnostics.review import failure_probability
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import pose_names
@@ -43,12 +40,13 @@ from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
 from handtrack.session.sources.session_pins import SessionPins
 from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes.take_about import REFINED, files_read
-from handtrack.store.current_track import CurrentTrack, Head, TakeFrames
+from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.store.spans import Span
 from handtrack.store.store import Store
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.protocol.snapshots import COST, ERROR, MOVED, PROBABILITY, TERM, VIEWS, TakeCard
+from handtrack_app.engine.tracked_rows import TrackedRows
+from handtrack_app.protocol.snapshots import TakeCard
 
 
 class TakeShelf:
@@ -136,138 +134,6 @@ class TakeShelf:
 
 
 _COMPARED = 20  # tracked frames by which cameras are compared; lost ones among them do not count
-_AT_ONCE = 100  # frames that are read whole at one look, about 20 ms
-
-
-@dataclass(frozen=True, eq=False)
-class WholeFrame:
-    """What the timeline and the curves show of a tracked frame that only all of its arrays tell."""
-
-    error_mm: float
-    """NaN without truth"""
-    values: Floats[S]
-    """joint parameters [m, rad]"""
-    std: Floats[S]
-    moved: float
-    """how far its furthest joint is from where it lies below it [mm]; NaN where it does not"""
-    bent: Floats[K] | None = None
-    """by how much the truth bends each joint of a hand more [rad]"""
-
-
-Read = Callable[[int], WholeFrame]
-"""reads a tracked frame"""
-Parts = Callable[[Mapping[str, float]], Mapping[str, float]]
-
-
-class TrackedRows:
-    """What the timeline shows of tracked frames; rows are frames from `frames.start`."""
-
-    def __init__(self, frames: range) -> None:
-        count = len(frames)
-        self.frames = frames
-        self.status: Ints[F] = np.full(count, -1, dtype=np.int64)
-        self.lanes: dict[str, Floats[F]] = {}
-        """numbers by their words, as of TimelineSnapshot; NaN where a frame has none"""
-        self.values: Floats[F, S] = np.zeros((count, 0))
-        """joint parameters of the frames read so far [m, rad], NaN elsewhere"""
-        self.std: Floats[F, S] = np.zeros((count, 0))
-        self.bent: Floats[F, K] = np.full((count, len(BENT_JOINTS)), np.nan)
-        """by how much the truth bends each of BENT_JOINTS more [rad]"""
-        self.changed: set[int] = set()
-        """rows that were not told yet"""
-        self._known: dict[int, Head] = {}
-        self._given: dict[int, tuple[Floats[S], float]] = {}
-        self._track: CurrentTrack | None = None
-        self._read: list[int] = []  # how many of each take's frames were looked at
-        self._unread: dict[
-            int, None
-        ] = {}  # frames whose error is to be found yet: that needs all of them
-
-    def follow(self, track: CurrentTrack, read: Read, parts: Parts) -> None:
-        """Take the track as it is now. read: `read_more` does the rest of it. parts: of the energy, by
-        their words, from those by the terms' names.
-        """
-        for frame in self._new(track):
-            self._look(track, frame, parts)
-        self.read_more(track, read)
-
-    def heads(self) -> list[Head]:
-        """Return what is known of the tracked frames without their arrays, ascending."""
-        return [self._known[frame] for frame in sorted(self._known)]
-
-    def _new(self, track: CurrentTrack) -> Iterable[int]:
-        """Return the frames that may have changed since the last look: all of another track, else those taken since."""
-        takes = [take for _, take in track.layers]
-        before = self._read if track is self._track else None
-        self._track, self._read = track, [len(take.puts) for take in takes]
-        if before is None:
-            return [*self._known.keys() - (there := set(track)), *there]
-        return [f for take, n in zip(takes, before, strict=True) for f in take.puts[n:]]
-
-    def _look(self, track: CurrentTrack, frame: int, parts: Parts) -> None:
-        head = track.head(frame)
-        if head is not None and self._known.get(frame) is head:
-            return
-        self._forget(frame)
-        if head is None or frame not in self.frames:
-            return
-        row = frame - self.frames.start
-        self._known[frame] = head
-        self.status[row] = int(head.status)
-        self._unread[frame] = None
-        self.changed.add(row)
-        self._put(COST, row, head.energy)
-        for word, cost in parts(head.energies).items():
-            self._put(TERM + word, row, cost)
-        if np.isfinite(head.p_off_25mm) or head.status in (Status.DOUBTFUL, Status.LOST):
-            self._put(PROBABILITY, row, failure_probability(head))
-        if head.views:
-            self._put(VIEWS, row, head.views)
-
-    def _put(self, word: str, row: int, value: float) -> None:
-        if word not in self.lanes:
-            self.lanes[word] = np.full(len(self.frames), np.nan)
-        self.lanes[word][row] = value
-
-    def given_error(
-        self, frame: int, pose: Floats[S], error: Callable[[Floats[S]], float]
-    ) -> float:
-        """Return the error of a pose given at a frame [mm], found once."""
-        known = self._given.get(frame)
-        if known is None or known[0] is not pose:
-            known = self._given[frame] = pose, error(pose)
-        return known[1]
-
-    def read_more(self, track: CurrentTrack, read: Read) -> bool:
-        """Read more frames that were not read yet; return whether any is left."""
-        for frame in list(islice(self._unread, _AT_ONCE)):
-            del self._unread[frame]
-            if frame in track:
-                row, whole = frame - self.frames.start, read(frame)
-                self._put(ERROR, row, whole.error_mm)
-                self._put(MOVED, row, whole.moved)
-                if self.values.shape[1] != len(whole.values):
-                    shape = len(self.frames), len(whole.values)
-                    self.values, self.std = (np.full(shape, np.nan) for _ in range(2))
-                self.values[row], self.std[row] = whole.values, whole.std
-                if whole.bent is not None:
-                    self.bent[row] = whole.bent
-                self.changed.add(row)
-        return bool(self._unread)
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether all frames were read."""
-        return not self._unread
-
-    def _forget(self, frame: int) -> None:
-        self._unread.pop(frame, None)
-        if self._known.pop(frame, None) is not None:
-            row = frame - self.frames.start
-            self.changed.add(row)
-            self.status[row] = -1
-            for values in (*self.lanes.values(), self.values, self.std, self.bent):
-                values[row] = np.nan
 
 
 # ---- What the session's state says of masks: each camera's method and box, and the corrections of its frames.

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Floats
 from handtrack.capture.masks.segmentation import METHODS
-from handtrack.diagnostics.flexion import flexion_deg
 from handtrack.diagnostics.review import ReviewInterval, intervals_to_review
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_library import pose_names, pose_title
 from handtrack.model.size import shape_numbers
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.session.formats.truth import mean_error_mm
 from handtrack.session.session import Session
 from handtrack.session.sources.views import View
 from handtrack.store.spans import resolved
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine.document import Document, TrackedRows, WholeFrame, source_of
+from handtrack_app.engine.document import Document, source_of
 from handtrack_app.engine.inverse_kinematics import stem_bones
+from handtrack_app.engine.tracked_rows import error_mm, truth_at
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     CLOUD,
@@ -50,28 +47,6 @@ from handtrack_app.protocol.snapshots import (
 
 _BODY_REACH_M = 0.9
 _PART_GRID = (20, 16)  # points around and steps along a part that is drawn
-TERM_WORDS = {
-    "coverage": "silhouettes",
-    "conic_field": "silhouettes",
-    "cloud_distance": "cloud→model",
-    "cloud_emptiness": "model→cloud",
-    "cloud_rays": "lines of sight",
-    "keypoints": "keypoints",
-    "pins": "pins",
-    "own": "own terms",
-    "edges": "edges",
-    "intensity": "intensity",
-    "rest": "priors",
-    "posture": "priors",
-    "motion": "priors",
-    "keyframe": "priors",
-    "stabilise": "priors",
-    "stay": "priors",
-    "collision": "priors",
-    "proportions": "priors",
-    "prior": "priors",
-}
-"""by the name of a term"""
 
 
 def session_snapshot(document: Document) -> SessionSnapshot:
@@ -197,7 +172,7 @@ def pose_snapshot(document: Document) -> PoseSnapshot:
         energy=float("nan") if solved is None else float(solved.energy),
         std=None if solved is None else solved.parameter_std,
         truth=truth_at(document, frame),
-        error_mm=_error_mm(document, frame, bones),
+        error_mm=error_mm(document, frame, bones),
         note="" if solved is None else status_note(solved),
         joints=model.joint_positions(bones),
         pins=pin_cards(document, frame, bones) if is_now else (),
@@ -218,12 +193,13 @@ def _origin(document: Document, frame: int) -> str:
 
 def timeline_snapshot(document: Document) -> TimelineSnapshot:
     """Return status, energy and error of every frame."""
-    rows = _followed(document)
+    rows = document.rows
+    rows.follow(document)
     rows.changed.clear()
     lanes = {word: row.copy() for word, row in rows.lanes.items() if _is_told(document, word)}
     for frame in document.by_hand if document.run.session.truth is not None else ():
         error = lanes.setdefault(ERROR, np.full(len(rows.frames), np.nan))
-        error[frame - rows.frames.start] = _given_error(document, frame)
+        error[frame - rows.frames.start] = rows.given_error(document, frame)
     hand = tuple(sorted(document.by_hand))
     found = tuple(frame for frame in hand if document.decided_pose(frame).found)
     return TimelineSnapshot(
@@ -237,59 +213,15 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
 
 def timeline_change(document: Document) -> TimelineChange:
     """Return what is new of status, energy and error since the last look: its cost does not grow with the recording."""
-    rows, start = _followed(document), document.frames.start
+    rows, start = document.rows, document.frames.start
+    rows.follow(document)
     row = np.array(sorted(rows.changed), np.int64)
     rows.changed.clear()
     lanes = {word: values[row] for word, values in rows.lanes.items() if _is_told(document, word)}
     for n, frame in enumerate((row + start).tolist()):
         if frame in document.by_hand and ERROR in lanes:
-            lanes[ERROR][n] = _given_error(document, frame)
+            lanes[ERROR][n] = rows.given_error(document, frame)
     return TimelineChange(document.frames, row, rows.status[row], lanes)
-
-
-def _followed(document: Document) -> TrackedRows:
-    rows = document.rows
-    rows.follow(document.results, lambda frame: _whole_frame(document, frame), energy_parts)
-    return rows
-
-
-def _given_error(document: Document, frame: int) -> float:
-    def error(values: Floats) -> float:
-        bones = document.model.bones(document.model.params_within_limits(values))
-        return _error_mm(document, frame, bones)
-
-    return document.rows.given_error(frame, document.by_hand[frame], error)
-
-
-def read_more(document: Document) -> bool:
-    """Read more tracked frames whole: their errors, what moved; return whether some are to be read yet."""
-    return document.rows.read_more(document.results, lambda frame: _whole_frame(document, frame))
-
-
-def _whole_frame(document: Document, frame: int) -> WholeFrame:
-    result = document.results[frame]
-    found = result.joint_positions if result.keypoints21 is None else result.keypoints21
-    truth, bent = truth_at(document, frame), None
-    error = mean_error_mm(found, truth)
-    if truth is not None and result.keypoints21 is not None:
-        own, true = flexion_deg(np.stack([result.keypoints21, truth]))
-        bent = np.deg2rad(true - own)
-    moved = moved_mm(result, document.results.below(frame))
-    return WholeFrame(error, result.parameters, result.parameter_std, moved, bent)
-
-
-def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:
-    truth, model = truth_at(document, frame), document.model
-    if truth is None:
-        return float("nan")
-    found = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
-    return mean_error_mm(found, truth)
-
-
-def truth_at(document: Document, frame: int) -> Floats[D21, D3] | None:
-    """Return the true keypoints of a frame, or joints (J, 3) of a body, world [m]."""
-    truth = document.run.session.truth
-    return None if truth is None else truth.points_at(frame, document.model.joint_names)
 
 
 # ---- facts of a frame
@@ -300,15 +232,6 @@ def status_note(result: FrameResult) -> str:
     if result.is_simplified:
         return f"Fingers held. {result.note[:1].upper()}{result.note[1:]}".rstrip(". ") + "."
     return result.note[:1].upper() + result.note[1:]
-
-
-def energy_parts(energies: Mapping[str, float]) -> dict[str, float]:
-    """Return the parts of a frame's energy by their words."""
-    parts: dict[str, float] = {}
-    for name, cost in energies.items():
-        word = TERM_WORDS.get(name, name)
-        parts[word] = parts.get(word, 0.0) + cost
-    return parts
 
 
 # ---- facts of a model
@@ -349,14 +272,6 @@ def queue(document: Document) -> tuple[ReviewInterval, ...]:
     """Return the stretches that are worth a look, the worst first."""
     done = document.accepted | document.by_hand.keys()
     return tuple(intervals_to_review(document.rows.heads(), done)[:_MOST])
-
-
-def moved_mm(result: FrameResult, before: FrameResult | None) -> float:
-    """Return how far the furthest joint of a frame is from where it was [mm]; NaN where that is not known."""
-    if before is None or before.joint_positions.shape != result.joint_positions.shape:
-        return float("nan")
-    moves = np.linalg.norm(result.joint_positions - before.joint_positions, axis=1)
-    return float(1e3 * moves.max())
 
 
 def pose_titles(model: ArticulatedModel) -> dict[str, str]:

@@ -35,7 +35,6 @@ from handtrack_app.engine import jobs
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
-    moved_mm,
     pose_snapshot,
     session_snapshot,
     timeline_change,
@@ -53,6 +52,7 @@ from handtrack_app.engine.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.engine.tracked_rows import moved_mm
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import (
     Guess,

@@ -16,7 +16,6 @@ from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
-    read_more,
     seen_kinds,
     session_snapshot,
     timeline_snapshot,
@@ -434,7 +433,7 @@ class OpenSession:
         elif self._unrecorded and not self._recorder.is_behind:
             self._record_next()
         elif not self.document.rows.is_whole:  # of a long track, while nobody waits
-            if not read_more(self.document):
+            if not self.document.rows.read_more(self.document):
                 self.announce(timeline_snapshot(self.document))
         else:
             self.jobs.tick()

@@ -30,10 +30,10 @@ from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.pulling import pulled
 from handtrack_app.engine.document import Document, pinning
-from handtrack_app.engine.document_snapshots import energy_parts
 from handtrack_app.engine.inverse_kinematics import reach
 from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.service import Service
+from handtrack_app.engine.tracked_rows import energy_parts
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import Hold, Notice, ScoreSnapshot, Snapshot
 
