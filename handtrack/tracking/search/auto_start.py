@@ -7,16 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, Search, run_rounds
 from handtrack.tracking.search.evidence.hand_shapes import hand_shapes
-from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.global_search import (
     FIRST_POSE,
     GIVEN_JOINTS,
@@ -69,13 +66,11 @@ def auto_start(
     objective = replace(
         objective,
         shapes=[shape for model in models for shape in hand_shapes(model)] if models else (),
-        solve=fitting(settings, seen, control),
-        looks_for_fingers=settings.tracker.escape,
         resize=resize,
         control=control,
     )
     done = run_rounds(search, objective, found, on_round=_telling(search, tell))
-    return _compared(objective, done, settings, size_sigma, search.most)
+    return _compared(objective, done, size_sigma, search.most)
 
 
 def _telling(search: Search, tell: Progress) -> Callable[[int, int], None]:
@@ -84,24 +79,9 @@ def _telling(search: Search, tell: Progress) -> Callable[[int, int], None]:
     return lambda number, tried: tell(number / count, f"{tried} poses are tried")
 
 
-def fitting(
-    settings: TrackerSettings, seen: Observation, control: Control
-) -> Callable[[ArticulatedModel, Floats[P], bool], Solved]:
-    """Return what fits a frame as the tracker does, by what is seen alone."""
-    thorough = settings.with_values({"tracker.hypotheses": 1})
-    plain = thorough.with_values({"tracker.escape": False})
-
-    def solve(model: ArticulatedModel, params: Floats, fingers: bool) -> Solved:
-        chosen = thorough if fingers else plain
-        return solve_frame(FrameTask(model, chosen, seen, model.clipped(params), control=control))
-
-    return solve
-
-
 def _compared(
     objective: GlobalObjective,
     done: Sequence[Candidate],
-    settings: TrackerSettings,
     size_sigma: float,
     most: int,
 ) -> list[Candidate]:
@@ -109,6 +89,7 @@ def _compared(
     kept = objective.distinct([c for c in done if c.solved is not None], most)
     if not kept:
         return []
+    settings = objective.settings
     kept = sorted(objective.compared(kept), key=lambda c: c.cost)
     quality = fit_quality(kept[0].model, settings, objective.seen, kept[0].params)
     count = objective.independent_errors(kept[0])

@@ -27,7 +27,7 @@ from handtrack.sampling.suppression import apart, apart_joints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_task import Solved
+from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
 from handtrack.tracking.search.engine import Candidate, Round, Search
@@ -37,6 +37,7 @@ from handtrack.tracking.search.evidence.silhouette_evidence import (
     SilhouetteEvidence,
     silhouette_evidence,
 )
+from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.policy import UNSEEN_EVERY
 from handtrack.tracking.search.start_confidence import BASIN_M
 from handtrack.tracking.size.estimate import fit_size
@@ -71,11 +72,9 @@ class GlobalObjective:
 
     sources: Sequence[EvidenceSource]
     seen: Observation
+    settings: TrackerSettings
     shapes: Sequence[HandShape] = ()
     """rigid hands that the grid proposes"""
-    solve: Callable[[ArticulatedModel, Floats[P], bool], Solved] | None = None
-    """fits the frame from solver parameters as the tracker does; the flag: also looks for lost fingers"""
-    looks_for_fingers: bool = False
     resize: Resize | None = None
     """makes the hand in another size, where its size is not known"""
     within: tuple[Floats[D3], float] | None = None
@@ -96,7 +95,7 @@ class GlobalObjective:
             outlines = silhouette_evidence(seen.silhouettes)
             if outlines is not None:
                 sources.append(outlines)
-        return cls(tuple(sources), seen) if sources else None
+        return cls(tuple(sources), seen, settings) if sources else None
 
     def measured(self, candidate: Candidate) -> Candidate:
         """Return a candidate with the cost by which finished ones are compared: short arms, the same for all; with its forearm or
@@ -229,7 +228,7 @@ def best_again(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
     """Propose the best pose again, where lost fingers are looked for."""
-    best = _best(found) if objective.looks_for_fingers else []
+    best = _best(found) if objective.settings.tracker.escape else []
     return [replace(c, origin=f"{c.origin}, fingers looked for") for c in best]
 
 
@@ -315,9 +314,14 @@ def _descended(
 
 
 def _solved(objective: GlobalObjective, candidate: Candidate, fingers: bool) -> Candidate:
-    assert objective.solve is not None
-    solved = objective.solve(candidate.model, candidate.params, fingers)
-    params = candidate.model.transform.solver_params(solved.result.parameters)
+    """Return a candidate where the tracker fits the frame from there, by what is seen alone. fingers: looks for lost ones, too."""
+    settings = objective.settings.with_values({"tracker.hypotheses": 1})
+    if not fingers:
+        settings = settings.with_values({"tracker.escape": False})
+    model, control = candidate.model, replace(objective.control, on_iteration=None)
+    start = model.clipped(candidate.params)
+    solved = solve_frame(FrameTask(model, settings, objective.seen, start, control=control))
+    params = model.transform.solver_params(solved.result.parameters)
     return objective.measured(replace(candidate, params=params, solved=solved))
 
 

@@ -11,7 +11,6 @@ from handtrack.tracking.frame.confidence import assess, is_where_joints_are
 from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.search.auto_start import fitting
 from handtrack.tracking.search.engine import Candidate, improved
 from handtrack.tracking.search.evidence.hand_shapes import (
     hand_shapes,
@@ -52,8 +51,6 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     objective = replace(
         objective,
         shapes=[shape_of(model, last.parameters, "last"), *hand_shapes(model)],
-        solve=fitting(task.settings, task.observation, replace(task.control, on_iteration=None)),
-        looks_for_fingers=task.settings.tracker.escape,
         within=(middle, np.inf if is_lost else reach),
         control=task.control,
     )

@@ -13,7 +13,6 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.auto_start import fitting
 from handtrack.tracking.search.engine import Candidate, Tried, report, run_rounds
 from handtrack.tracking.search.evidence.hand_shapes import (
     hand_shapes,
@@ -54,7 +53,6 @@ def evidence_of_other_side(
         count = objective.independent_errors(ours)
         objective = replace(
             objective,
-            solve=fitting(settings, seen, control),
             within=(palm_middle(model, params), _NEAR_M),
             control=control,
         )
