@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
+from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.global_search import GIVEN_JOINTS
 from handtrack.tracking.search.initialize import fit_keypoints
@@ -26,24 +27,26 @@ _TURNED_DEG = 30.0  # less than that is not worth a word
 
 
 @array_dataclass
-class FirstPoseCandidate:
-    """A pose that tracking may start from."""
+class FirstPoseCandidate(Candidate):
+    """A pose that tracking may start from: of a whole hand in the size in use, with a forearm where one is seen, or of a body."""
 
-    frame: int
-    params: Floats[P]
-    """solver parameters of `model`"""
-    confidence: float
-    """0 to 1; those of one frame add up to 1 at most"""
-    note: str
+    frame: int = field(kw_only=True)
+    note: str = ""
     """in words: how it fits, or how it differs from the surest"""
-    model: ArticulatedModel
-    """a whole hand of the size in use, with a forearm where one is seen; or a body"""
-    cost: float
-    """comparable among the candidates of one frame"""
     given: FirstPose | None = None
     """points in space that the pose was fitted to, where there are any: they tell the hand's size as well"""
-    p_in_basin: float = 1.0
-    """how surely its joints are known to 12 mm, if it is the right one; a part of the confidence"""
+
+    @classmethod
+    def of(cls, found: Candidate, frame: int) -> FirstPoseCandidate:
+        """Return a pose that was found in a frame, without what else a search knows of it."""
+        return cls(
+            found.model,
+            found.params,
+            found.cost,
+            confidence=found.confidence,
+            p_in_basin=found.p_in_basin,
+            frame=frame,
+        )
 
     @property
     def settled(self) -> float:
@@ -104,10 +107,8 @@ def poses_from_images(
         for c in hands_from_images(model, images)[: GIVEN_JOINTS.most]
     ]
     with_joints = replace(seen, keypoints=tuple(images))
-    rows = [
-        FirstPoseCandidate(first.frame, c.params, c.confidence, "", c.model, c.cost)
-        for c in auto_start((), settings, with_joints, found=candidates)
-    ]
+    found = auto_start((), settings, with_joints, found=candidates)
+    rows = [FirstPoseCandidate.of(candidate, first.frame) for candidate in found]
     return _noted(rows, images) if rows else poses_by_joints(model, first.frame, images)
 
 
@@ -119,8 +120,7 @@ def poses_by_joints(
     Raises HandtrackError for too few joints.
     """
     found = clustered_modes(hands_from_images(model, images))
-    rows = [FirstPoseCandidate(frame, c.params, c.confidence, "", model, c.cost) for c in found]
-    return _noted(rows, images)
+    return _noted([FirstPoseCandidate.of(candidate, frame) for candidate in found], images)
 
 
 def _noted(
@@ -149,7 +149,8 @@ def pose_in_space(
     given = FirstPose(frame, xyz=points) if model.has_keypoints21 else None
     cameras, count = len({joints.camera for joints in images}), known.count
     note = f"{cameras} cameras agree on {count} of {len(points)} joints"
-    return FirstPoseCandidate(frame, fit_keypoints(model, known), 1.0, note, model, 0.0, given)
+    pose = Candidate(model, fit_keypoints(model, known), 0.0, confidence=1.0)
+    return replace(FirstPoseCandidate.of(pose, frame), note=note, given=given)
 
 
 def image_keypoints(

@@ -214,12 +214,7 @@ def _found(
     found = auto_start(models, run.settings, seen, should_stop, tell, sigma, resize)
     if not found:
         return []
-    rows = [
-        FirstPoseCandidate(
-            seen.frame, c.params, c.confidence, "", c.model, c.cost, p_in_basin=c.p_in_basin
-        )
-        for c in found
-    ]
+    rows = [FirstPoseCandidate.of(candidate, seen.frame) for candidate in found]
     notes = [_fits(found[0]), *(differs(rows[0], row) for row in rows[1:])]
     usual = run.scale.overall
     noted = [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]

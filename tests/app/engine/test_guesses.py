@@ -26,7 +26,9 @@ def candidates(run, frame):
     for place, share, words in WAYS:
         params = run.model.rest_params()
         params[0] = place
-        found.append(FirstPoseCandidate(frame, params, share, words, run.model, 1.0))
+        found.append(
+            FirstPoseCandidate(run.model, params, 1.0, confidence=share, frame=frame, note=words)
+        )
     return found
 
 
