@@ -103,6 +103,8 @@ def read_truth(path: Path) -> Truth:
 
 
 def write_truth(path: Path, truth: Truth) -> None:
-    """Write truth.npz, without what is not known."""
+    """Write truth.npz, without what is not known, and without frame numbers where they count from 0."""
     known = {name: value for name, value in vars(truth).items() if value is not None and len(value)}
+    if np.array_equal(truth.frame, np.arange(len(truth.frame))):
+        del known["frame"]
     write_arrays(path, {name: np.asarray(value) for name, value in known.items()})
