@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import cache, cached_property
@@ -25,8 +26,8 @@ from handtrack.capture.images.raw_frames import MosaicFiles
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_joints
 from handtrack.capture.masks.mask_cleaning import Roi, inside_roi
-from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
-from handtrack.capture.masks.segmentation import MaskMethod, Segmenter, segmenter
+from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded
+from handtrack.capture.masks.segmentation import MaskMethod, segmenter
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera, scaled_by
 from handtrack.geometry.lens import remap_source
@@ -50,6 +51,8 @@ from handtrack.session.sources.video_audits import read_audit
 
 MaskChoice = tuple[str | MaskMethod | None, Roi | None]
 """files, a method or none, and a region of interest"""
+_Masks = Callable[[Array[H, W, *Axes], int], Bytes[H, W] | None]
+"""an image, or depth, and the camera's own frame → the mask; None where the hand is not expected anywhere"""
 _BYTES_KEPT = 100_000_000  # of one camera: the usual 25 images of up to 4 MB
 _BRIDGED = 3
 """frames without joints up to so many before or behind one with them: a tenth of a second at usual rates"""
@@ -204,16 +207,13 @@ class View:
 
     def _segmented(self, frame: int) -> Bytes[H, W] | None:
         """Return the mask that the method computes."""
-        source = self._segmented_source
+        source, own = self._segmented_source, self.own_frame(frame)
         image = None if source is None else self._read(source, frame)
-        if image is None:
+        if image is None or own is None:
             return None
-        learned = self._segmenter
-        if not isinstance(learned, SeededMasks):
-            return learned(image)
-        own = self.own_frame(frame)
-        seeds = None if own is None else self._seeds(own)
-        return None if seeds is None else learned.mask(image, seeds)
+        with self._learning:
+            masks = self._learned
+        return masks(image, own)
 
     @property
     def unknown(self) -> int | None:
@@ -287,23 +287,8 @@ class View:
             return None
         return self.images if method.needs == "images" else self.depth
 
-    @property
-    def _segmenter(self) -> Segmenter | SeededMasks:
-        with self._learning:
-            return self._learned
-
     @cached_property
-    def _seeds(self) -> JointSeeds:
-        files = self.keypoint_files
-        if files is None:
-            raise HandtrackError(
-                "mask method seeded starts from joints in the images, but the camera has no `keypoints`. "
-                "`handtrack detect SESSION --write` finds them."
-            )
-        return JointSeeds(files)
-
-    @cached_property
-    def _learned(self) -> Segmenter | SeededMasks:
+    def _learned(self) -> _Masks:
         method, source = self.settings.masks, self._segmented_source
         assert method is not None
         assert not isinstance(method, str)
@@ -314,10 +299,27 @@ class View:
             source = _read_once(source, self._lessons.setdefault(method.needs, LRUCache()))
         try:
             if isinstance(method, Seeded):
-                return method.learned(source, self._seeds, self.settings.roi)
-            return segmenter(method, source, self.settings.roi, self.settings.depth_scale_m or 1.0)
+                return self._learned_by_joints(method, source)
+            unit_m = self.settings.depth_scale_m or 1.0
+            masks = segmenter(method, source, self.settings.roi, unit_m)
+            return lambda image, _own_frame: masks(image)
         except HandtrackError as error:
             raise HandtrackError(f"{self._where}: {error}") from None
+
+    def _learned_by_joints(self, method: Seeded, source: FrameSource) -> _Masks:
+        if self.keypoint_files is None:
+            raise HandtrackError(
+                "mask method seeded starts from joints in the images, but the camera has no `keypoints`. "
+                "`handtrack detect SESSION --write` finds them."
+            )
+        seeds_at = JointSeeds(self.keypoint_files)
+        masks = method.learned(source, seeds_at, self.settings.roi)
+
+        def mask(image: Array, own_frame: int) -> Bytes | None:
+            seeds = seeds_at(own_frame)
+            return None if seeds is None else masks.mask(image, seeds)
+
+        return mask
 
     @property
     def _taken_size(self) -> tuple[int, int]:
