@@ -15,17 +15,20 @@ from xml.etree import ElementTree
 from handtrack.errors import HandtrackError
 
 MOST_BYTES = 64 << 20  # of a description in words or numbers; a calibration has some kB
+INCH_M = 0.0254
 UNITS_M = {
     word: metres
     for words, metres in {
         "m meter meters metre metres": 1.0,
         "mm millimeter millimeters millimetre millimetres": 1e-3,
         "cm centimeter centimeters centimetre centimetres": 1e-2,
-        "in inch inches": 0.0254,
+        "in inch inches": INCH_M,
     }.items()
     for word in words.split()
 }
 """metres in the units of length that files name"""
+LIKELY_UNITS_M = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": INCH_M}
+"""in which a file that does not name its unit may be, in words"""
 
 
 def check_file(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:

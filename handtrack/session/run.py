@@ -97,7 +97,7 @@ class TrackingRun:
         first = first or (session.init if use_init else None)
         if first is not None and first.pixels:
             first = poses_of_image_joints(session, settings, first)[0].first_pose
-        scale = _of_this_recording(session, settings, _hand_scale(session, settings, first))
+        scale = _of_this_recording(session, settings, hand_scale(session, settings, first))
         arm_m = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, arm_m)
         known = session.prior_person and _of_this_recording(session, settings, session.prior_person)
@@ -399,7 +399,7 @@ def poses_of_image_joints(
     session: Session, settings: TrackerSettings, first: FirstPose
 ) -> list[FirstPoseCandidate]:
     """Return the poses in space that a first pose with joints in images may mean, the surest first."""
-    whole = _whole(_model(session, settings, _hand_scale(session, settings, None), 0.0))
+    whole = _whole(_model(session, settings, hand_scale(session, settings, None), 0.0))
     return poses_from_images(session, settings, whole, first, _seen(session, settings, first.frame))
 
 
@@ -463,7 +463,8 @@ def _whole(model: ArticulatedModel) -> ArticulatedModel:
     return load_model("hand26", model.side, model.scale, forearm=True)
 
 
-def _hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | None) -> HandScale:
+def hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | None) -> HandScale:
+    """Return whose hand or body it is, before anything is fitted but the points of a first pose. Raises HandtrackError."""
     given = session.hand_scale
     if isinstance(given, Path):
         return read_scale(given)

@@ -86,11 +86,6 @@ class Store:
             return self.take(number).frames
         return ()
 
-    def current_track(self) -> TrackResult | None:
-        """Return the current track; None where nothing was tracked. Raises HandtrackError as `track_of` does."""
-        spans = self.current()
-        return self.track_of(spans) if spans else None
-
     def composed(self, spans: Sequence[Span]) -> tuple[Span, ...]:
         """Return what would show if spans were made current, each frame once: accepted frames stay as they are."""
         shown = resolved(spans, self.frames_of)

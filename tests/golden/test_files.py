@@ -107,7 +107,7 @@ def test_a_saved_take_opens(tmp_path):
     assert take.is_finished
     assert not store.damage()
     assert len(take.steps()) == len(recording.sample())
-    track = store.current_track()
+    track = store.track_of(store.current())
     assert_allclose(track.joint_positions, recording.sample().joint_positions, atol=1e-9)
     assert [action.words for action in store.actions()] == ["handtrack track"]
     assert store.known_files() == {"5be36c545ed450b44477e102644e4b27"}

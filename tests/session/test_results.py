@@ -221,7 +221,7 @@ def test_a_track_file_is_a_take_from_now_on(kept, rng):
     assert not imported(kept)
     store = Store(kept / "tracks")
     assert store.current() == (Span(1, 3, 9),)
-    track = store.current_track()
+    track = store.track_of(store.current())
     assert track is not None
     assert_same(track, before)
     again = kept / "again.npz"

@@ -51,7 +51,7 @@ def test_takes_are_never_overwritten_and_the_track_is_composed_of_them(folder):
         first, second = add_take(store, range(10), 1), add_take(store, range(4, 8), 2)
         store.make_current(store.restored(first))
         store.make_current(store.restored(second, range(5, 100)))
-    track = Store(folder).current_track()
+    track = Store(folder).track_of(Store(folder).current())
     assert Store(folder).current() == (Span(1, 0, 5), Span(2, 5, 8), Span(1, 8, 10))
     assert track.frame.tolist() == list(range(10))
     for frame, number in ((4, first), (5, second), (7, second), (8, first)):

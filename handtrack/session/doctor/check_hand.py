@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,12 +10,13 @@ import numpy as np
 from handtrack.arrays import D3, D21, Floats, evenly_spread
 from handtrack.capture.images.frames import listed
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
-from handtrack.model.model_file import load_model, read_scale
+from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Keypoints
 from handtrack.session.doctor.check_views import Finding, error, note, ok, warning
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE
+from handtrack.session.run import hand_scale
 from handtrack.session.session import Session
 from handtrack.session.side import wrong_side_warning
 from handtrack.session.sources.keypoint_files import NO_JOINTS
@@ -76,7 +76,7 @@ def _no_first_pose(session: Session) -> Finding:
 
 def _joints(session: Session, pose: FirstPose) -> Floats:
     """Return (J, 3) the joints [m] of a pose given by parameters."""
-    model = _model(session, pose.scale)
+    model = _model(session, pose)
     return model.joint_positions(model.bones(model.params_from(dict(pose.parameters))))
 
 
@@ -87,15 +87,9 @@ def check_model(session: Session) -> Iterator[Finding]:
     yield ok(f"the model is {model.name}{side}.")
 
 
-def _model(session: Session, fitted: HandScale | None = None) -> ArticulatedModel:
-    """Return the hand; fitted: its size where session.toml leaves that open."""
-    scale = session.hand_scale
-    if isinstance(scale, Path):
-        size = read_scale(scale)
-    elif scale == "fit":
-        size = session.prior_person or fitted or HandScale()
-    else:
-        size = HandScale(float(scale))
+def _model(session: Session, pose: FirstPose | None = None) -> ArticulatedModel:
+    """Return the hand. pose: with its size, where session.toml leaves that open."""
+    size = hand_scale(session, session.settings, pose)
     return load_model(session.hand_model, session.file.hand.side, size, forearm=True)
 
 

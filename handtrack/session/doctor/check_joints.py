@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from handtrack.arrays import D2, D3, Floats, J, N, T, indices
+from handtrack.files.text_files import LIKELY_UNITS_M
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.articulated import keypoint_names
@@ -25,7 +26,6 @@ _MOST_OFF = 0.06
 _BETTER = 0.5  # times the miss, with what would fit
 _BETTER_LATE = 0.75  # times the miss, with frames as they may belong together
 _MOST_LATE = 3  # frames
-_UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres", 0.0254: "inches"}
 
 
 _Seen = tuple[Camera, Floats[T, J, D2]]
@@ -231,7 +231,7 @@ def _check_size(
     if not PALM_M[0] <= palm <= PALM_M[1]:
         fitting = [
             f"With world_unit_m = {other:g} ({word}) it were {1e3 * palm * other / unit:.0f} mm."
-            for other, word in _UNITS.items()
+            for word, other in LIKELY_UNITS_M.items()
             if PALM_M[0] <= palm * other / unit <= PALM_M[1]
         ]
         yield from (

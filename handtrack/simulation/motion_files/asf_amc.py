@@ -9,10 +9,9 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.files.text_files import read_text
+from handtrack.files.text_files import INCH_M, read_text
 from handtrack.simulation.motion_files.clip import LARGEST, MotionClip
 
-INCH_M = 0.0254
 FPS = 120.0
 """of the CMU database; the files do not say"""
 

@@ -11,14 +11,13 @@ import numpy as np
 from handtrack.arrays import D3, F, Floats, J
 from handtrack.capture.joints.subject import BODY, HAND
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import check_file, first_bytes
+from handtrack.files.text_files import LIKELY_UNITS_M, check_file, first_bytes
 from handtrack.session.formats.imported_truth import read_markers
-from handtrack.simulation.motion_files.asf_amc import FPS, INCH_M, read_asf_amc
+from handtrack.simulation.motion_files.asf_amc import FPS, read_asf_amc
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import LARGEST, MotionClip
 
 ACCEPTED = "BVH, AMC with its ASF, TRC, C3D, or a CSV with the columns frame and <joint>_x, _y, _z"
-_UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": INCH_M}
 _ALIKE = 1.55  # ratio to an adult's length: less than √2.54, half of what is between centimetres and inches
 _AXES = ("x", "y", "z")
 
@@ -78,14 +77,16 @@ def in_metres(
         raise HandtrackError(
             f"{where}: how many metres is one unit? The joints that would tell it are missing; say it with --unit-m, such as 0.01."
         )
-    off = {word: abs(np.log(length * unit / subject.usual_m)) for word, unit in _UNITS.items()}
+    off = {
+        word: abs(np.log(length * unit / subject.usual_m)) for word, unit in LIKELY_UNITS_M.items()
+    }
     word = min(off, key=off.__getitem__)
     if off[word] > np.log(_ALIKE):
         raise HandtrackError(
-            f"{where}: its {kind} is {length:.4g} long, which is nobody in {', '.join(_UNITS)}. Say how many metres one unit is with "
+            f"{where}: its {kind} is {length:.4g} long, which is nobody in {', '.join(LIKELY_UNITS_M)}. Say how many metres one unit is with "
             f"--unit-m ({subject.usual_m / length:.3g} would make an adult). If joints are far apart, --positions may be wrong."
         )
-    unit = _UNITS[word]
+    unit = LIKELY_UNITS_M[word]
     said = f"unit: {word}; the {kind} is {100 * length * unit:.0f} cm from {'ankle to shoulder' if kind == 'body' else 'wrist to tip'}."
     return MotionClip(clip.names, clip.positions * unit, clip.fps), unit, [said]
 

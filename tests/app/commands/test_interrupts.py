@@ -178,7 +178,8 @@ def test_an_interrupted_second_tracking_replaces_no_more_than_it_tracked(
     with interrupted(monkeypatch, 2):
         ended = handtrack("track", done, "--set", "silhouettes.weight=1.3")
     assert ended.code == 130
-    for kept in (read_npz(done / POSES), Store(done / "tracks").current_track()):
+    store = Store(done / "tracks")
+    for kept in (read_npz(done / POSES), store.track_of(store.current())):
         assert kept.frame.tolist() == before.frame.tolist()
         assert not np.array_equal(kept.parameters[0], before.parameters[0]), "it lies above"
         np.testing.assert_array_equal(kept.parameters[-1], before.parameters[-1])
