@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import glob
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -41,18 +41,8 @@ from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
 from handtrack_app.commands.terminal.output import answer, output_file, progress_bar, say
 
-
-@dataclass(frozen=True)
-class _Input:
-    """One camera's sources."""
-
-    name: str
-    shared: FrameSource | None
-    alone: FrameSource | None
-
-    @property
-    def sources(self) -> tuple[FrameSource, ...]:
-        return tuple(source for source in (self.shared, self.alone) if source is not None)
+_Inputs = dict[str, dict[str, FrameSource]]
+"""by camera, its sources: `shared`, matched between cameras by frame number, and `alone`, of its lens"""
 
 
 def calibrate(args: argparse.Namespace) -> int:
@@ -63,7 +53,7 @@ def calibrate(args: argparse.Namespace) -> int:
     output_file(args.out, (".toml",), "calibrations are")
     inputs = _inputs(args)
     known = read_rig(args.known) if args.known else None
-    if known is not None and not {item.name for item in inputs} & set(known.names):
+    if known is not None and not inputs.keys() & set(known.names):
         raise HandtrackError(
             f"--known {args.known}: none of its cameras ({', '.join(known.names)}) is calibrated here; the names after "
             "--camera must be the same."
@@ -90,28 +80,18 @@ def calibrate(args: argparse.Namespace) -> int:
     return 0
 
 
-def _inputs(args: argparse.Namespace) -> list[_Input]:
-    kind = RAW if args.bayer else COLOUR
-    shared = {name: _files(parts, f"--camera {name}") for name, parts in args.camera.items()}
-    alone = {name: _files(parts, f"--intrinsics {name}") for name, parts in args.intrinsics.items()}
-    names = list(dict.fromkeys([*shared, *alone]))
-    if not names:
+def _inputs(args: argparse.Namespace) -> _Inputs:
+    kind, found = RAW if args.bayer else COLOUR, _Inputs()
+    options = (("shared", "--camera", args.camera), ("alone", "--intrinsics", args.intrinsics))
+    for use, option, given in options:
+        for name, parts in given.items():
+            source = _source(parts, f"{option} {name}", kind, synchronised=use == "shared")
+            found.setdefault(name, {})[use] = source
+    if not found:
         raise HandtrackError(
             "no camera given: --camera NAME=FILES (images, a folder or a video), once per camera."
         )
-    return [
-        _Input(
-            name,
-            _source(shared[name], f"--camera {name}", kind, True) if name in shared else None,
-            _source(alone[name], f"--intrinsics {name}", kind, False) if name in alone else None,
-        )
-        for name in names
-    ]
-
-
-def _files(parts: Sequence[str], where: str) -> list[Path]:
-    """Return a camera's files; the shell may have listed them already."""
-    return [path for part in parts for path in _expanded(part, where)]
+    return found
 
 
 def _expanded(part: str, where: str) -> list[Path]:
@@ -128,7 +108,9 @@ def _expanded(part: str, where: str) -> list[Path]:
     return natural_order(files)
 
 
-def _source(paths: list[Path], where: str, kind: str, synchronised: bool) -> FrameSource:
+def _source(parts: Sequence[str], where: str, kind: str, synchronised: bool) -> FrameSource:
+    """Return a camera's images or video; the shell may have listed its files already."""
+    paths = [path for part in parts for path in _expanded(part, where)]
     images = [path for path in paths if path.suffix.lower() in IMAGE_SUFFIXES]
     if len(paths) == 1 and not images:
         return VideoFile(paths[0], where=str(paths[0]))
@@ -139,29 +121,21 @@ def _source(paths: list[Path], where: str, kind: str, synchronised: bool) -> Fra
     return ImageFiles(paths, kind, where=str(paths[0].parent), in_order=not synchronised)
 
 
-def _searched(
-    inputs: Sequence[_Input], board: Board, args: argparse.Namespace
-) -> list[CameraViews]:
+def _searched(inputs: _Inputs, board: Board, args: argparse.Namespace) -> list[CameraViews]:
     """Return what each camera saw of the board."""
-    as_image = _developer(args.bayer)
-    shared_frames = frames_to_search(
-        [i.shared for i in inputs if i.shared is not None], args.most_images
-    )
+    as_image, most = _developer(args.bayer), args.most_images
+    shared = [sources["shared"] for sources in inputs.values() if "shared" in sources]
+    shared_frames = frames_to_search(shared, most)
     plans = [
-        (
-            i,
-            source,
-            shared_frames if source is i.shared else frames_to_search([source], args.most_images),
-        )
-        for i in inputs
-        for source in i.sources
+        (name, use, source, shared_frames if use == "shared" else frames_to_search([source], most))
+        for name, sources in inputs.items()
+        for use, source in sources.items()
     ]
-    total = sum(sum(source.has(frame) for frame in frames) for _, source, frames in plans)
+    total = sum(sum(source.has(frame) for frame in frames) for *_, source, frames in plans)
     found: dict[str, CameraViews] = {}
     with progress_bar(total, "looking for the board") as bar:
-        for item, source, frames in plans:
+        for name, use, source, frames in plans:
             views, size, tried = search_views(source, board, frames, bar.update, as_image)
-            name = item.name
             if size is None:
                 raise HandtrackError(
                     f"camera '{name}': no image could be read from {source.where}."
@@ -172,8 +146,7 @@ def _searched(
                     f"camera '{name}': images for the lens alone are {size[0]} x {size[1]}, the others "
                     f"{before.size[0]} x {before.size[1]}; expected one size."
                 )
-            kind = "shared" if source is item.shared else "alone"
-            found[name] = replace(before, tried=tried + before.tried, **{kind: tuple(views)})
+            found[name] = replace(before, tried=tried + before.tried, **{use: tuple(views)})
     return list(found.values())
 
 
@@ -192,16 +165,14 @@ def _developer(pattern: str | None) -> Callable[[Array], Array]:
     return developed
 
 
-def _some_images(
-    inputs: Sequence[_Input], cameras: Sequence[CameraViews], bayer: str | None
-) -> list[Array]:
+def _some_images(inputs: _Inputs, cameras: Sequence[CameraViews], bayer: str | None) -> list[Array]:
     """Return three images of each camera that never saw the board, or of the first camera."""
     blind = {camera.name for camera in cameras if not camera.shared and not camera.alone}
     as_image = _developer(bayer)
     images = []
-    for item in inputs:
-        if item.name in (blind or {inputs[0].name}):
-            source = item.sources[0]
+    for name, sources in inputs.items():
+        if name in (blind or {next(iter(inputs))}):
+            source = next(iter(sources.values()))
             frames = [frame for frame in source.frames if source.has(frame)]
             picked = [frames[i * (len(frames) - 1) // 2] for i in range(3)] if frames else []
             read = (source.read(frame) for frame in dict.fromkeys(picked))
