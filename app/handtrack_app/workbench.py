@@ -128,10 +128,6 @@ class Workbench:
         """Return whether the session can be worked in and all of the page shows it, waiting for that."""
         return self._ready.wait(timeout)
 
-    def _welcome(self, client: viser.ClientHandle) -> None:
-        if self.stage.field_camera() is not None:
-            self.redraw()  # its screen
-
     # ---- from the page
 
     def go_to(self, frame: float) -> None:
@@ -204,7 +200,6 @@ class Workbench:
         self._watched = (self.stage.clear_late, self.layout.help.watch, self._see_ready)
         self.layout.help.offers_tour = self._is_demo
         server.on_client_connect(self.layout.help.welcome)
-        server.on_client_connect(self._welcome)
         server.on_client_disconnect(lambda _: self.redraw())  # its picture is painted no more
 
     def _show_session(self, session: snapshots.SessionSnapshot) -> None:

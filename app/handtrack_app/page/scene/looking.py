@@ -115,17 +115,17 @@ class Looking:
             paint = look.paint if look.through in self._cards else ""
             internals.run_javascript(client, f"document.body.dataset.overlay = {json.dumps(paint)}")
 
-    def pictures(self, field_camera: str | None) -> tuple[Picture, ...]:
-        """Return the pictures that the pages show. field_camera: whose field is shown, if any."""
+    def pictures(self, field: bool) -> tuple[Picture, ...]:
+        """Return the pictures that the pages show. field: the model's field in place of what is painted else."""
         here = self._page.server.get_clients()
         looks = [self._page.state.look(one) for one in here]
-        chosen = [_picture(look, field_camera) for look in looks]
+        chosen = [_picture(look, field) for look in looks]
         if any(look.through == ALL for look in looks):
             chosen += [(camera, CLOSE) for camera in self._cards]
         return tuple(dict.fromkeys(one for one in chosen if one is not None))
 
-    def place(self, field_camera: str | None, hand: Floats[D3], larger: float) -> None:
-        """Stand the screens behind the hand at `hand` [m]. larger: than a hand."""
+    def place(self, field: bool, hand: Floats[D3], larger: float) -> None:
+        """Stand the screens behind the hand at `hand` [m]. field: as for `pictures`; larger: than a hand."""
         with self._lock:
             here = self._page.server.get_clients()
             self._screens = self._page.present(self._screens)
@@ -133,7 +133,7 @@ class Looking:
             with state.lock:
                 state.looks = self._page.present(state.looks)
             for number, client in here.items():
-                picture = _picture(state.look(number), field_camera)
+                picture = _picture(state.look(number), field)
                 screen = self._screens.get(number)
                 if screen is None and picture is not None:
                     screen = self._screens[number] = Screen(_add_screen(client))
@@ -221,10 +221,10 @@ class Looking:
                 screen.image.visible = False
 
 
-def _picture(look: Look, field_camera: str | None) -> Picture | None:
-    paint = look.paint if field_camera is None else "field"
-    camera = None if look.through == ALL else look.through or field_camera
-    return None if camera is None else (camera, paint)
+def _picture(look: Look, field: bool) -> Picture | None:
+    if look.through in (None, ALL):
+        return None
+    return look.through, "field" if field else look.paint
 
 
 def _pixel(card: Camera, depth: float, eye: Floats[D3], through: Floats[D3]) -> Pixel | None:

@@ -128,7 +128,7 @@ class Stage:
             show_cameras(self.cameras, display)
             self._show_handle()
             update_truth(self.hand, self.pose, display)
-            self.looking.place(self.field_camera(), self.pose.middle, self._larger)
+            self.looking.place(self.display.field, self.pose.middle, self._larger)
             self.grips.place()
 
     @property
@@ -163,12 +163,6 @@ class Stage:
         """How many times larger than a hand the model is: what is drawn around it grows alike."""
         return self.session.reach_m / HAND_REACH_M
 
-    def field_camera(self) -> str | None:
-        """Return the camera whose field stands behind the hand of who looks freely, if fields are shown: the first."""
-        if self.display.field and self.session.cameras:
-            return self.session.cameras[0].name
-        return None
-
     def wanted(self) -> dict[str, tuple[Any, ...]]:
         """Return which pictures, and what of surface and clouds, the display options need: the engine's commands and arguments."""
         display = self.page.state.display
@@ -178,7 +172,7 @@ class Stage:
             display.cloud_wide, display.stereo_pair,
         )  # fmt: skip
         return {
-            "want_pictures": (display.images, paint, self.looking.pictures(self.field_camera())),
+            "want_pictures": (display.images, paint, self.looking.pictures(self.display.field)),
             "want_surface": (display.surface and not self.page.state.playing,),
             "want_cloud": (cloud,),
             "want_masks": (display.masks,),
@@ -207,7 +201,7 @@ class Stage:
                 self.root.show_at(pose.values[:6])
                 self._show_handle()
         self.looking.views.show_hand(*hand_balls(self.session, pose))
-        self.looking.place(self.field_camera(), pose.middle, self._larger)
+        self.looking.place(self.display.field, pose.middle, self._larger)
         self.grips.show(pose)
         self.names.pose = pose
         self._name_cameras()
