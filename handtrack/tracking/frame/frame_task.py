@@ -54,28 +54,6 @@ def predict(
     return np.clip(expected, limits[:, 0], limits[:, 1])
 
 
-def inheriting_uncertainty(
-    problem: Problem, params: Floats[P], hessian: Floats[P, P], belief: Floats[P, P] | None
-) -> Floats[P, P]:
-    """Return a frame's matrix in which the prediction is no surer than the pose that it came from.
-
-    hessian: the one that poses are found with, which takes that pose for the truth; belief: its covariance,
-    None where nothing is said of it. What is stated must not take it so: a finger hidden for a second would be called as
-    well known as after one frame. Nor are a detector's errors new in each frame. A mixture's prediction inherits by itself.
-    The live pass alone needs it, which knows no frame after: refined ones state what all frames say together.
-    """
-    terms = problem.parameter_terms
-    motion = [t for t in terms if t.name == "motion" and isinstance(t, GaussianPrior)]
-    told = Problem(problem.model, (), motion).linearize(params).hessian
-    memory = inherited_information(told, belief)
-    sure = hessian - told + memory
-    seen = [t for t in problem.observation_terms if t.is_detected]
-    if not seen or not motion:
-        return sure
-    points = Problem(problem.model, seen).linearize(params).hessian
-    return with_lasting_errors(sure, memory, points, POINTS_LAST)
-
-
 @array_dataclass
 class Solved:
     """A frame's result, and what only the next frame's prediction needs of it."""
@@ -85,81 +63,6 @@ class Solved:
     """of the solver parameters; None where nothing is said of them"""
     search_due: bool = False
     """a search would have been made, had it been allowed (`Control.searches`)"""
-
-
-def solved_result(
-    observation: Observation,
-    terms: FrameTerms,
-    found: Descended,
-    previous: Sequence[FrameResult] = (),
-    belief: Floats[P, P] | None = None,
-    exact: tuple[Problem, JointSystem] | None = None,
-) -> Solved:
-    """Return a frame's result where descent ended, with its uncertainty and status.
-
-    Parameters
-    ----------
-    found
-        By the last stage's problem, whose cost is the energy.
-    previous
-        Results that tell what is usual.
-    belief
-        Covariance of the last frame's pose.
-    exact
-        The problem and its system there with the cloud taken as exactly as it lies, where that is sharper.
-    """
-    params, model = found.params.copy(), terms.model
-    problem, known = exact or (found.problem, found.system)
-    priors = Problem(model, (), problem.parameter_terms).linearize(params)
-    sure = inheriting_uncertainty(problem, params, known.hessian, belief)
-    covariance, std, joints = uncertainty(model, params, sure, known.hessian - priors.hessian)
-    energies, cost = found.problem.costs(params), found.system.cost
-    judgement = frame_confidence(terms, params, cost, energies, joints, previous)
-    result = replace(
-        posed_result(model, observation, params, judgement, std),
-        energy=cost,
-        energies=energies,
-        iterations=found.iterations,
-        views=terms.views,
-    )
-    return Solved(result, covariance)
-
-
-def posed_result(
-    model: ArticulatedModel,
-    observation: Observation,
-    params: Floats[P],
-    found: FrameConfidence,
-    std: Floats[S] | None = None,
-) -> FrameResult:
-    """Return a result at solver parameters as it was judged, as long as no solver tells its cost.
-
-    std: of joint parameters. Without it, and of a lost hand, they may be anything; without a covariance joints are known to a metre.
-    """
-    joint = model.joint_params(params)
-    joint[3:6] = wrapped(joint[3:6])
-    if std is None or found.status == Status.LOST:
-        std = np.full(len(joint), np.inf)
-    covariance = found.joint_covariance
-    if covariance is None:
-        covariance = np.tile(np.eye(3), (len(model.joint_names), 1, 1))
-    bones = model.bones(params)
-    return FrameResult(
-        frame=observation.frame,
-        time_s=observation.time_s,
-        parameters=joint,
-        status=found.status,
-        energy=float("nan"),
-        iterations=0,
-        parameter_std=std,
-        joint_covariance=covariance,
-        T_world_bone=bones.T_world_bone,
-        joint_positions=model.joint_positions(bones),
-        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
-        reason=found.reason,
-        p_off_25mm=found.p_off_25mm,
-        p_off_10mm=found.p_off_10mm,
-    )
 
 
 @array_dataclass
@@ -228,3 +131,93 @@ class FrameTask:
         else:
             judgement = FrameConfidence(Status.LOST, Reason("unseen"))
         return Solved(posed_result(self.model, seen, params, judgement))
+
+    def solved(
+        self,
+        terms: FrameTerms,
+        found: Descended,
+        exact: tuple[Problem, JointSystem] | None = None,
+    ) -> Solved:
+        """Return the frame's result where descent ended, with its uncertainty and status.
+
+        Parameters
+        ----------
+        found
+            By the last stage's problem, whose cost is the energy.
+        exact
+            The problem and its system there with the cloud taken as exactly as it lies, where that is sharper.
+        """
+        params, model = found.params.copy(), self.model
+        problem, known = exact or (found.problem, found.system)
+        priors = Problem(model, (), problem.parameter_terms).linearize(params)
+        sure = inheriting_uncertainty(problem, params, known.hessian, self.belief)
+        covariance, std, joints = uncertainty(model, params, sure, known.hessian - priors.hessian)
+        energies, cost = found.problem.costs(params), found.system.cost
+        judgement = frame_confidence(terms, params, cost, energies, joints, self.previous)
+        result = replace(
+            posed_result(model, self.observation, params, judgement, std),
+            energy=cost,
+            energies=energies,
+            iterations=found.iterations,
+            views=terms.views,
+        )
+        return Solved(result, covariance)
+
+
+def inheriting_uncertainty(
+    problem: Problem, params: Floats[P], hessian: Floats[P, P], belief: Floats[P, P] | None
+) -> Floats[P, P]:
+    """Return a frame's matrix in which the prediction is no surer than the pose that it came from.
+
+    hessian: the one that poses are found with, which takes that pose for the truth; belief: its covariance,
+    None where nothing is said of it. What is stated must not take it so: a finger hidden for a second would be called as
+    well known as after one frame. Nor are a detector's errors new in each frame. A mixture's prediction inherits by itself.
+    The live pass alone needs it, which knows no frame after: refined ones state what all frames say together.
+    """
+    terms = problem.parameter_terms
+    motion = [t for t in terms if t.name == "motion" and isinstance(t, GaussianPrior)]
+    told = Problem(problem.model, (), motion).linearize(params).hessian
+    memory = inherited_information(told, belief)
+    sure = hessian - told + memory
+    seen = [t for t in problem.observation_terms if t.is_detected]
+    if not seen or not motion:
+        return sure
+    points = Problem(problem.model, seen).linearize(params).hessian
+    return with_lasting_errors(sure, memory, points, POINTS_LAST)
+
+
+def posed_result(
+    model: ArticulatedModel,
+    observation: Observation,
+    params: Floats[P],
+    found: FrameConfidence,
+    std: Floats[S] | None = None,
+) -> FrameResult:
+    """Return a result at solver parameters as it was judged, as long as no solver tells its cost.
+
+    std: of joint parameters. Without it, and of a lost hand, they may be anything; without a covariance joints are known to a metre.
+    """
+    joint = model.joint_params(params)
+    joint[3:6] = wrapped(joint[3:6])
+    if std is None or found.status == Status.LOST:
+        std = np.full(len(joint), np.inf)
+    covariance = found.joint_covariance
+    if covariance is None:
+        covariance = np.tile(np.eye(3), (len(model.joint_names), 1, 1))
+    bones = model.bones(params)
+    return FrameResult(
+        frame=observation.frame,
+        time_s=observation.time_s,
+        parameters=joint,
+        status=found.status,
+        energy=float("nan"),
+        iterations=0,
+        parameter_std=std,
+        joint_covariance=covariance,
+        T_world_bone=bones.T_world_bone,
+        joint_positions=model.joint_positions(bones),
+        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
+        reason=found.reason,
+        p_off_25mm=found.p_off_25mm,
+        p_off_10mm=found.p_off_10mm,
+    )

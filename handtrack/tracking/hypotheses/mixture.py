@@ -16,7 +16,7 @@ from handtrack.sampling.suppression import apart_joints
 from handtrack.solver.covariance import covariance
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.descent import Descended, by_keypoints_alone, stage_problem
-from handtrack.tracking.frame.frame_task import FrameTask, Solved, solved_result
+from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import agility
@@ -130,7 +130,7 @@ def solve_mixture(
     best = hypotheses[0].params
     problem = stage_problem(task.model, terms, terms.stages - 1, best)
     found = Descended(best, problem, 0, problem.linearize(best))
-    solved = solved_result(task.observation, terms, found, task.previous, task.belief)
+    solved = task.solved(terms, found)
     return _with_alternatives(task.model, solved, hypotheses, parents), hypotheses
 
 

@@ -19,7 +19,7 @@ from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.tracking.frame.constants import DOUBTFUL_CLOUD
 from handtrack.tracking.frame.descent import LAST_GAIN, Descended, descend, stage_problem
-from handtrack.tracking.frame.frame_task import FrameTask, Solved, solved_result
+from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -111,7 +111,7 @@ def _refined(task: FrameTask, terms: FrameTerms, found: Descended) -> Solved:
             system=found.problem.linearize(summary.params),
         )
         exact = exact, summary.system
-    return solved_result(task.observation, terms, found, task.previous, task.belief, exact)
+    return task.solved(terms, found, exact)
 
 
 def may_doubt(terms: FrameTerms) -> bool:
