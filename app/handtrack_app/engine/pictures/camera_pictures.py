@@ -80,12 +80,14 @@ class CameraPictures:
         return image if maps is None else cv2.remap(image, *maps, kind)  # type: ignore[return-value]
 
     def thumbnail(self, name: str, frame: int, paint: str, flesh: Ellipsoids) -> Bytes[H, W, D3]:
-        """Return a small picture, with the model's outline over it unless `paint` is `plain`."""
+        """Return a small picture: the model's field, or the image with its outline unless `paint` is `plain`."""
         image = self.plain(name, frame)
         small = shrunk(image)
         if paint == "plain":
             return small
         camera = self.camera(name).without_distortion().scaled((small.shape[1], small.shape[0]))
+        if paint == "field":
+            return field_picture(camera, flesh)
         return outline_picture(small, camera, flesh)
 
     def screen(
