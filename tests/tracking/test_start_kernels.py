@@ -7,10 +7,11 @@ import pytest
 
 from handtrack import Silhouette, load_model
 from handtrack.geometry.rotation import spread_rotations
+from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
-from handtrack.tracking.search.evidence.hand_shapes import hand_shapes, palm_middle
+from handtrack.tracking.search.evidence.hand_shapes import palm_middle, shape_of
 from handtrack.tracking.search.evidence.silhouette_evidence import (
     _STEP_PX,
     silhouette_evidence,
@@ -21,7 +22,7 @@ from tests.tracking.start_reference import cloud_score, silhouette_score
 
 MODEL = load_model()
 PARAMS = MODEL.rest_params() + np.array([0.0, -0.09, 0.0, 0.4, -0.3, 0.2, *[0.1] * 20])
-SHAPE = hand_shapes(MODEL, ("curl",))[0]
+SHAPE = shape_of(MODEL, named_pose(MODEL, "curl"), "curl")
 TURNS = spread_rotations(5)
 SEEN = mask_views(MODEL, PARAMS, simulated_rig(3, (320, 240)).cameras).silhouettes
 JOINTS = MODEL.joint_positions(MODEL.bones(PARAMS))

@@ -161,10 +161,54 @@ class GlobalObjective:
 def rigid_grid(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose rigid hands at every rotation and position, the best by disagreeing area."""
-    return rigid_hands(
-        objective.sources, objective.shapes, most, objective.control.should_stop, objective.within
+    """Propose rigid hands at every rotation and position, the best by disagreeing area.
+
+    The shapes, the best first, at most `most`, none like a better one; at most half of them at one place, if nothing is known of where the
+    hand is. A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first of the
+    sources is asked here: a cloud says more than silhouettes.
+    """
+    source, shapes, within = objective.sources[0], objective.shapes, objective.within
+    should_stop = objective.control.should_stop
+    places, few = source.places, spread_rotations(_FEW_ROTATIONS)
+    if within is not None:
+        places = places[np.linalg.norm(places - within[0], axis=1) < within[1]]
+    if not len(places):
+        return []
+    typical = [shape for shape in shapes if shape.is_typical]
+    rough = np.stack(in_parallel(lambda s: source.scores(s, few, places, _HOPELESS), typical))
+    places = places[np.argsort(rough.min(axis=(0, 1)), kind="stable")[:_KEPT_PLACES]]
+    rotations = spread_rotations(_ROTATIONS)
+    enough = _PROMISING * float(rough.min())
+    scored = in_parallel(
+        lambda s: None if should_stop() else source.scores(s, rotations, places, enough), shapes
     )
+    finished = [one for one in scored if one is not None]
+    if len(finished) < len(shapes):
+        return []
+    scores = np.stack(finished)
+    order = np.argsort(scores, axis=None, kind="stable")[:_LOOKED_AT]
+    s, r, p = np.unravel_index(order, scores.shape)
+    posture = np.array([shape.posture for shape in shapes])[s]
+    turn, place = rotations[r], places[p]
+
+    def is_far(a: int, rest: Ints) -> Array:
+        away = np.linalg.norm(place[rest] - place[a], axis=1) >= _APART_M
+        turned = turned_by(turn[rest], turn[a]) >= _APART_RAD
+        return (posture[rest] != posture[a]) | away | turned
+
+    share = 0.5 if within is None else 1.0  # around a known place there is but one
+    rows = spread_over_places(apart(range(len(order)), is_far), place, most, share)
+    kept = [
+        Candidate(
+            shapes[s[n]].model,
+            shapes[s[n]].params_at(turn[n], place[n]),
+            float(scores[s[n], r[n], p[n]]),
+            f"rigid grid, {posture[n]}",
+            shapes[s[n]],
+        )
+        for n in rows
+    ]
+    return sorted(kept, key=lambda candidate: candidate.cost)
 
 
 def rigid_grid_nearby(
@@ -355,64 +399,7 @@ def _without_arm(model: ArticulatedModel) -> ArticulatedModel:
     return replace(model, flesh=flesh)
 
 
-# ---- rigid hands, and fingers put elsewhere
-
-
-def rigid_hands(
-    sources: Sequence[EvidenceSource],
-    shapes: Sequence[HandShape],
-    most: int,
-    should_stop: Callable[[], bool],
-    within: tuple[Floats[D3], float] | None = None,
-) -> list[Candidate]:
-    """Return the shapes at all turns and places, the best first, at most `most`, none like a better one; at most half
-    of them at one place, if nothing is known of where the hand is.
-
-    A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first
-    of the sources is asked here: a cloud says more than silhouettes. within: a point and a distance [m] from it beyond
-    which no palm is looked for.
-    """
-    source = sources[0]
-    places, few = source.places, spread_rotations(_FEW_ROTATIONS)
-    if within is not None:
-        places = places[np.linalg.norm(places - within[0], axis=1) < within[1]]
-    if not len(places):
-        return []
-    typical = [shape for shape in shapes if shape.is_typical]
-    rough = np.stack(in_parallel(lambda s: source.scores(s, few, places, _HOPELESS), typical))
-    places = places[np.argsort(rough.min(axis=(0, 1)), kind="stable")[:_KEPT_PLACES]]
-    rotations = spread_rotations(_ROTATIONS)
-    enough = _PROMISING * float(rough.min())
-    scored = in_parallel(
-        lambda s: None if should_stop() else source.scores(s, rotations, places, enough), shapes
-    )
-    finished = [one for one in scored if one is not None]
-    if len(finished) < len(shapes):
-        return []
-    scores = np.stack(finished)
-    order = np.argsort(scores, axis=None, kind="stable")[:_LOOKED_AT]
-    s, r, p = np.unravel_index(order, scores.shape)
-    posture = np.array([shape.posture for shape in shapes])[s]
-    turn, place = rotations[r], places[p]
-
-    def is_far(a: int, rest: Ints) -> Array:
-        away = np.linalg.norm(place[rest] - place[a], axis=1) >= _APART_M
-        turned = turned_by(turn[rest], turn[a]) >= _APART_RAD
-        return (posture[rest] != posture[a]) | away | turned
-
-    share = 0.5 if within is None else 1.0  # around a known place there is but one
-    rows = spread_over_places(apart(range(len(order)), is_far), place, most, share)
-    kept = [
-        Candidate(
-            shapes[s[n]].model,
-            shapes[s[n]].params_at(turn[n], place[n]),
-            float(scores[s[n], r[n], p[n]]),
-            f"rigid grid, {posture[n]}",
-            shapes[s[n]],
-        )
-        for n in rows
-    ]
-    return sorted(kept, key=lambda candidate: candidate.cost)
+# ---- fingers put elsewhere
 
 
 def spread_over_places(

@@ -92,8 +92,8 @@ class CloudEvidence:
         shape: HandShape,
         params: Floats[P],
         band_m: float,
-        unbiased: bool = False,
-        palms: Floats[M, D3] | None = None,
+        unbiased: bool,
+        palms: Floats[M, D3] | None,
     ) -> list[ObservationTerm]:
         """Return E1 and E2 around a pose of the shape's model, with arms as long as band_m: coarse, but quick.
 

@@ -15,7 +15,7 @@ from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.sampling.suppression import apart
 
-POSTURES = ("open", "curl", "fist", "point")
+_POSTURES = ("open", "curl", "fist", "point")
 _WRIST_BENDS_DEG = (0.0, -40.0, 40.0)  # of a forearm in view
 _MIDDLE = 0.6  # of the way from the wrist to the middle knuckle: the palm's middle
 REACH_M = 0.14
@@ -77,13 +77,11 @@ class HandShape:
 
 
 @lru_cache(maxsize=4)
-def hand_shapes(
-    model: ArticulatedModel, postures: tuple[str, ...] = POSTURES
-) -> tuple[HandShape, ...]:
+def hand_shapes(model: ArticulatedModel) -> tuple[HandShape, ...]:
     """Return a shape for each posture, and with a forearm for each of some bends of the wrist."""
     bends = _WRIST_BENDS_DEG if model.has_forearm else (0.0,)
     shapes = []
-    for posture in postures:
+    for posture in _POSTURES:
         joint = named_pose(model, posture)
         for bend in bends:
             if model.has_forearm:

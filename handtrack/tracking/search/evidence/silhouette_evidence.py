@@ -205,8 +205,8 @@ class SilhouetteEvidence:
         shape: HandShape,
         params: Floats[P],
         band_m: float,
-        unbiased: bool = False,
-        palms: Floats[M, D3] | None = None,
+        unbiased: bool,
+        palms: Floats[M, D3] | None,
     ) -> list[ObservationTerm]:
         """Return coverage with a band around a pose of the shape's model: on small pictures where it is wide.
 
