@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, N, P, check_shape
+from handtrack.arrays import Array, Floats, N, P, array_dataclass, check_shape
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.keypoint_problem import keypoint_problem
@@ -17,18 +16,24 @@ from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.term import ParameterTerm
 
 
-@dataclass(frozen=True)
-class Polished:
-    """Where the starts ended."""
+@array_dataclass
+class Minima:
+    """Where N starts ended."""
 
     params: Floats[N, P]
     """solver parameters, within limits"""
     cost: Floats[N]
-    """infinite where the start was behind a camera"""
-    has_converged: Array[N]
-    """gradient below the tolerance"""
+    """infinite where a start led nowhere, as one behind a camera does"""
     normal: Floats[N, P, P]
     """Gauss-Newton matrix and priors; its inverse is the covariance"""
+
+
+@array_dataclass
+class Polished(Minima):
+    """Where polished starts ended, and whether in minima indeed."""
+
+    has_converged: Array[N]
+    """gradient below the tolerance"""
     hessian: Floats[N, P, P]
     """exact, with nothing but a large diagonal where a parameter is held"""
 
@@ -67,4 +72,4 @@ def polish(
     check_shape(params, (None, len(problem.prior_at)), "starts")
     cost, norm, normal, hessian = polish_all(problem, params, iterations, tolerance)
     converged = (norm < tolerance) & np.isfinite(cost)
-    return Polished(params, cost, converged, normal, hessian)
+    return Polished(params, cost, normal, converged, hessian)

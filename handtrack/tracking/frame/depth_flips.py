@@ -10,9 +10,10 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.sampling.chains import chains_of
 from handtrack.sampling.interpretation_tree import chain_flips
+from handtrack.sampling.polish import Minima
 from handtrack.sampling.suppression import apart
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.descent import Minima, by_keypoints_alone, minima
+from handtrack.tracking.frame.descent import by_keypoints_alone, minima
 from handtrack.tracking.frame.frame_terms import FrameTerms
 
 _APART_SHARE = 0.025
@@ -42,7 +43,7 @@ def mirrored_covariance(terms: FrameTerms, params: Floats[P]) -> Floats[J, D3, D
         same = np.tile(np.eye(len(params)), (len(starts), 1, 1))
         ended = Minima(starts, np.array([known.cost(start) for start in starts]), same)
     places = np.stack([model.joint_positions(model.bones(pose)) for pose in ended.params])
-    mass = -ended.cost - 0.5 * np.linalg.slogdet(ended.hessian)[1]
+    mass = -ended.cost - 0.5 * np.linalg.slogdet(ended.normal)[1]
     here = model.joint_positions(model.bones(params))
     far_m = apart_m(here)
     if not np.isfinite(mass[0]):

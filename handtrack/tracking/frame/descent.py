@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import Floats, N, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.pins import ImagePins
-from handtrack.sampling.polish import polish
+from handtrack.sampling.polish import Minima, polish
 from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
@@ -21,17 +21,6 @@ _WIDE_GAIN, LAST_GAIN = 0.5, 0.01
 """what a step must gain for another to follow. Costs are negative log-likelihoods: a stage that hands over a start ends by a step that moves
 no more than one standard deviation, ½; the last one by a seventh of it. Of three cameras' masks, clouds and stereo 0.6 to 0.8 of the
 evaluations are left of those to the last digit, and the mean error is within 0.08 mm, both ways"""
-
-
-@array_dataclass
-class Minima:
-    """Where N starts ended."""
-
-    params: Floats[N, P]
-    cost: Floats[N]
-    """infinite where a start led nowhere"""
-    hessian: Floats[N, P, P]
-    """of the cost, Gauss-Newton"""
 
 
 @array_dataclass
@@ -106,7 +95,7 @@ def minima(
     starts = np.asarray(starts)
     if by_keypoints_alone(terms):
         seen = [t.observed for t in terms.keypoints if not isinstance(t.observed, ImagePins)]
-        found = polish(
+        return polish(
             model,
             starts,
             seen,
@@ -115,16 +104,15 @@ def minima(
             iterations=200 if is_far else 30,
             tolerance=1e-3,
         )
-        return Minima(found.params, found.cost, found.normal)
     if len(starts) > most:
         costs = [stage_problem(model, terms, 0, x).cost(x) for x in starts]
         starts = starts[np.argsort(costs, kind="stable")[:most]]
-    params, cost, hessian = [], [], []
+    params, cost, normal = [], [], []
     for start in starts:
         summary, _, _ = descend(model, settings, terms, start, should_stop)
         params.append(summary.params)
         cost.append(summary.cost)
-        hessian.append(summary.system.hessian)
+        normal.append(summary.system.hessian)
         if summary.why == "stopped":
             break
-    return Minima(np.array(params), np.array(cost), np.array(hessian))
+    return Minima(np.array(params), np.array(cost), np.array(normal))

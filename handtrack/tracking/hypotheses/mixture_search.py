@@ -21,13 +21,14 @@ from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import Chain, chain_votes
 from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
+from handtrack.sampling.polish import Minima
 from handtrack.sampling.suppression import distinct
 from handtrack.solver.covariance import covariance
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.constants import JUMP_SHARE, MERGE_DEG, MIXTURE_DESCENTS
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.descent import Minima, by_keypoints_alone, minima
+from handtrack.tracking.frame.descent import by_keypoints_alone, minima
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief, unknown_speed
@@ -127,7 +128,7 @@ class MixtureObjective:
         log = np.where(known, source.log_prior - found.cost, -np.inf)
         if source.belief is not None:
             volume = 0.5 * found.params.shape[1] * np.log(2.0 * np.pi)
-            log[known] += volume - 0.5 * np.linalg.slogdet(found.hessian[known])[1]
+            log[known] += volume - 0.5 * np.linalg.slogdet(found.normal[known])[1]
         return [self.start_at(source, found, n, float(log[n])) for n in range(len(log))]
 
     def start_at(self, source: Source, found: Minima, n: int, log: float) -> Start:
@@ -137,7 +138,7 @@ class MixtureObjective:
             found.params[n],
             -log,
             source.origin,
-            normal=found.hessian[n],
+            normal=found.normal[n],
             source=source,
             energy=float(found.cost[n]),
         )

@@ -350,16 +350,14 @@ def fit_size(
     problems: Sequence[Problem],
     poses: Sequence[Floats[P]],
     free: Array[N] | None = None,
-    seen: tuple[str, ...] = (),
     repeated: float = 1.0,
 ) -> tuple[HandScale, Floats[F, P]]:
     """Return the person who explains frames' problems best, and the poses of each.
 
     problems: of one model; its size and `poses` are where the search starts. free: which of the model's `SizeParameters` may
-    change; all unless given. seen: joints whose offsets, where a detector sees them, are found too. repeated: how many frames tell as
-    much as one, since they err alike.
+    change; all unless given. repeated: how many frames tell as much as one, since they err alike.
     """
-    size = SizeParameters(problems[0].model, seen)
+    size = SizeParameters(problems[0].model)
     every = np.ones(len(size.names), bool) if free is None else free
     person = PersonChange(size, every, size.deviations(size.model.scale))
     frames = ChosenFrames(problems, person, repeated)
