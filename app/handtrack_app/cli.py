@@ -9,7 +9,7 @@ import io
 import math
 import os
 import sys
-import traceback
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,19 +28,17 @@ def main(argv: list[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that knows no "−" shows "?"
-    parser, words = build_parser(), sys.argv[1:] if argv is None else argv
-    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+    words = (sys.argv[1:] if argv is None else argv) or ["open"]
+    if not words[0].startswith("-") and words[0] not in COMMANDS:
         names = [name for group in COMMAND_GROUPS.values() for name in group]
         print(f"handtrack: {unknown_name('command', words[0], names)}", file=sys.stderr)
         return EXIT_USAGE
     try:
-        args = parser.parse_args(words)
+        args = build_parser([name for name in words[:1] if name in COMMANDS]).parse_args(words)
     except SystemExit as asked:  # --help, --version: 0; usage: 2
         return int(asked.code or EXIT_OK)
     except HandtrackError as error:  # of an option's value
         return _failed(words[0], str(error), EXIT_USAGE)
-    if args.command is None:
-        args = parser.parse_args(["open"])
     return _run(args)
 
 
@@ -87,7 +85,8 @@ def _failed(command: str, text: str, code: int) -> int:
 
 def _internal(error: Exception) -> str:
     """Return what the user is told of a mistake of ours; the traceback goes to a file."""
-    import tempfile  # with what it imports a tenth of the start
+    import tempfile  # with what they import a tenth of the start
+    import traceback
 
     what = f"an error inside handtrack, not in your data: {type(error).__name__}: {error}."
     try:
@@ -446,8 +445,12 @@ def _listing() -> str:
     return "\n".join(lines[1:])
 
 
-def build_parser(described: bool = False) -> argparse.ArgumentParser:
-    """Return the parser of all commands. described: each in the parser's own list too, from which shtab knows them."""
+def build_parser(
+    names: Iterable[str] = COMMANDS, described: bool = False
+) -> argparse.ArgumentParser:
+    """Return the parser of some commands: all take a third of the start. described: each in the parser's own list too, from
+    which shtab knows them.
+    """
     parser = argparse.ArgumentParser(
         prog="handtrack",
         description="Track the full 3D pose of a hand by fitting an articulated model to the images of calibrated cameras.",
@@ -462,8 +465,11 @@ def build_parser(described: bool = False) -> argparse.ArgumentParser:
         version=f"handtrack {VERSION}",
         help="show the version and end",
     )
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", help="see below")
-    for name, (runs, words, options) in COMMANDS.items():
+    commands = parser.add_subparsers(
+        dest="command", metavar="COMMAND", help="see below", required=True
+    )
+    for name in names:
+        runs, words, options = COMMANDS[name]
         listed: dict[str, Any] = {"help": words} if described else {}
         command = commands.add_parser(name, description=words, allow_abbrev=False, **listed)
         command.set_defaults(runs=runs)
