@@ -35,18 +35,19 @@ def _at(pose, cost, sure):
     return Minimum(pose, lambda there: JointSystem(cost, np.zeros(len(there)), sure), "tried")
 
 
-def test_probabilities_are_those_of_all_ways_together(rng):
+@pytest.mark.parametrize("share", [1.0, 0.1])
+def test_probabilities_are_those_of_all_ways_together(rng, share):
     counts = (2, 3, 1, 2)
     rows = [
         [_minimum(0.1 * rng.normal(), 2.0 * rng.uniform(), 10 ** rng.uniform(1, 4)) for _ in range(n)]
         for n in counts
     ]  # fmt: skip
-    trellis = Trellis(rows, CHANGE)
+    trellis = Trellis(rows, CHANGE, share)
 
     def log_mass(way):
         chosen = [row[k] for row, k in zip(rows, way, strict=True)]
-        spreads = [np.linalg.inv(m.system.hessian + np.linalg.inv(CHANGE)) for m in chosen]
-        total = sum(-m.system.cost + 0.5 * np.linalg.slogdet(c)[1] for m, c in zip(chosen, spreads, strict=True))  # fmt: skip
+        spreads = [np.linalg.inv(share * m.system.hessian + np.linalg.inv(CHANGE)) for m in chosen]
+        total = sum(-share * m.system.cost + 0.5 * np.linalg.slogdet(c)[1] for m, c in zip(chosen, spreads, strict=True))  # fmt: skip
         for n in range(len(chosen) - 1):
             step = changes(np.array([chosen[n].pose, chosen[n + 1].pose]))[0]
             wide = CHANGE + spreads[n] + spreads[n + 1]

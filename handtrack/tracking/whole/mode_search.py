@@ -48,13 +48,15 @@ class Minimum:
 class Trellis:
     """Minima of frames that follow one another, at least one each, joined by what a frame may change.
 
-    A minimum's mass is its bell's, exp(−cost) · √det C (Laplace), C = (H + S⁻¹)⁻¹: what the frame leaves open is known as
+    A minimum's mass is its bell's, exp(−η cost) · √det C (Laplace), C = (ηH + S⁻¹)⁻¹: what the frame leaves open is known as
     well as the frames beside it say, within a frame's change S. Two that follow each other are joined by N(change; 0, S + C + C').
     """
 
     minima: Sequence[Sequence[Minimum]]
     change: Floats[P, P]
     """S [m², rad²]: covariance of what a pose changes from a frame to the next"""
+    share: float = 1.0
+    """η: of what a frame says, how much the frames before did not say: flesh and masks that are wrong for one mode are so again"""
 
     @cached_property
     def best(self) -> Ints[F]:
@@ -107,8 +109,9 @@ class Trellis:
         for n, row in enumerate(self.minima):
             spread, mass = None, np.zeros(1)
             if any(len(beside) > 1 for beside in self.minima[max(n - 1, 0) : n + 2]):
-                spread = np.linalg.inv(np.array([one.system.hessian for one in row]) + known)
-                mass = np.array([-one.system.cost for one in row])
+                told = self.share * np.array([one.system.hessian for one in row])
+                spread = np.linalg.inv(told + known)
+                mass = -self.share * np.array([one.system.cost for one in row])
                 mass += 0.5 * np.linalg.slogdet(spread)[1]
             if before is not None and spread is not None:
                 joined.append(self._join(self.minima[n - 1], row, before, spread))
@@ -147,8 +150,8 @@ _MET = 2
 """frames in a row after which a path that leads to known minima is taken for theirs"""
 _FAR = 50
 """frames that a path is carried on at most"""
-_TRIALS_EVERY, _TRIED = 8, 4
-"""frames of a doubtful stretch after which other fingers are tried, and how many"""
+_TRIED = 4
+"""places of fingers that are tried in a frame"""
 _ROUNDS = 3
 """times at most that frames are bridged which jump on the best path, since each may open another"""
 _LEAST_CHANGE = 0.1
@@ -175,7 +178,7 @@ class ModeSearch:
 
     def gathered(self) -> Trellis | None:
         """Return the trellis of tracked poses, of those that they lead to where frames don't go together or are in doubt,
-        carried on from both sides, and of fingers tried elsewhere there; None when stopped.
+        carried on from both sides, and of fingers tried elsewhere, each time that the pose is new; None when stopped.
         """
         for n, pose in enumerate(self.poses):
             if self.control.should_stop():
@@ -197,13 +200,14 @@ class ModeSearch:
                 for at, way in ways
                 if firm[at]
             )
-        for n in _spread(doubted & firm):
+        for n in _spread(firm, self.evidence.repeated):
             self._try_fingers(n)
-        usual = Trellis(self.minima, self.motion.process_noise)
+        new = min(1.0 / (self.evidence.repeated * self.evidence.new), 1.0)
+        usual = Trellis(self.minima, self.motion.process_noise, new)
         for _ in range(_ROUNDS):
             if not self._bridge(usual.path(self.with_observed_change(usual).best)):
                 break
-            usual = Trellis(self.minima, self.motion.process_noise)
+            usual = Trellis(self.minima, self.motion.process_noise, new)
         return None if self.control.should_stop() else usual
 
     def with_observed_change(self, usual: Trellis) -> Trellis:
@@ -371,10 +375,10 @@ def largest_move_m(model: ArticulatedModel, one: Floats[P], other: Floats[P]) ->
     return float(np.linalg.norm(a - b, axis=1).max())
 
 
-def _spread(wanted: Array[F]) -> list[int]:
-    """Return the middle one of every few frames of each row of those that are wanted."""
+def _spread(wanted: Array[F], every: float) -> list[int]:
+    """Return the middle one of every so many frames of each row of those that are wanted."""
     found: list[int] = []
     for begin, end in runs(wanted):
-        cuts = np.linspace(begin, end, -(-(end - begin) // _TRIALS_EVERY) + 1).astype(int)
+        cuts = np.linspace(begin, end, int(np.ceil((end - begin) / every)) + 1).astype(int)
         found += [(a + b) // 2 for a, b in pairwise(cuts.tolist())]
     return found
