@@ -156,8 +156,9 @@ _ROUNDS = 3
 """times at most that frames are bridged which jump on the best path, since each may open another"""
 _LEAST_CHANGE = 0.1
 """of the usual: what hardly moved may still begin to"""
-_HOPELESS = 15.0
-"""[log-likelihood] a path that fits worse by more, all its frames together, isn't carried on"""
+_HOPELESS = 5.0
+"""[log-likelihood] a path that fits worse by more, all its frames together, isn't carried on: it is less probable than what is told of
+(`alternatives`)"""
 
 
 @dataclass(eq=False)
@@ -171,10 +172,13 @@ class ModeSearch:
     control: Control
     minima: list[list[Minimum]] = field(init=False, default_factory=list)
     motion: Motion = field(init=False)
+    share: float = field(init=False)
+    """`Trellis.share`"""
 
     def __post_init__(self) -> None:
         prior, seconds = self.evidence.settings.prior, self.evidence.seconds
         self.motion = Motion.usual(prior, self.poses.shape[1], seconds)
+        self.share = min(1.0 / (self.evidence.repeated * self.evidence.new), 1.0)
 
     def gathered(self) -> Trellis | None:
         """Return the trellis of tracked poses, of those that they lead to where frames don't go together or are in doubt,
@@ -202,12 +206,11 @@ class ModeSearch:
             )
         for n in _spread(firm, self.evidence.repeated):
             self._try_fingers(n)
-        new = min(1.0 / (self.evidence.repeated * self.evidence.new), 1.0)
-        usual = Trellis(self.minima, self.motion.process_noise, new)
+        usual = Trellis(self.minima, self.motion.process_noise, self.share)
         for _ in range(_ROUNDS):
             if not self._bridge(usual.path(self.with_observed_change(usual).best)):
                 break
-            usual = Trellis(self.minima, self.motion.process_noise, new)
+            usual = Trellis(self.minima, self.motion.process_noise, self.share)
         return None if self.control.should_stop() else usual
 
     def with_observed_change(self, usual: Trellis) -> Trellis:
@@ -304,7 +307,7 @@ class ModeSearch:
             row = self.minima[other]
             seen = [one.system.cost for one in row if one.origin != "bridged"]
             least = min(seen, default=found.system.cost)
-            worse = max(worse + found.system.cost - least, 0.0)
+            worse = max(worse + self.share * (found.system.cost - least), 0.0)
             if worse > _HOPELESS:
                 return
             met = 0 if there is None and self._add(other, found) else met + 1
@@ -362,7 +365,7 @@ class ModeSearch:
             if self.control.should_stop():
                 return
             least = min(one.system.cost for one in self.minima[n])
-            if found is None or found.system.cost > least + _HOPELESS:
+            if found is None or self.share * (found.system.cost - least) > _HOPELESS:
                 continue
             if self._add(n, found):
                 still = np.zeros_like(found.pose)
