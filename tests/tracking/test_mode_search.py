@@ -14,16 +14,18 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.confidence import FrameConfidence
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.whole.alternatives import with_alternatives
-from handtrack.tracking.whole.evidence import Recording
-from handtrack.tracking.whole.mode_search import Minimum, Trellis
+from handtrack.tracking.whole.evidence import Evidence, Recording
+from handtrack.tracking.whole.mode_search import Minimum, ModeSearch, Trellis
 from handtrack.tracking.whole.recording_estimate import refine
 
 HAND = load_model()
 CAMERAS = simulated_rig(2, (320, 240)).cameras
 FRAMES, WRONG = 7, 3
+NOTHING = Observation(0, 0.0)
 CHANGE = np.diag(np.full(7, 0.1**2))
 
 
@@ -119,6 +121,12 @@ def test_a_hand_thrown_away_while_one_camera_sees_it_comes_back(turning):
     assert max(map(_off_mm, found, poses)) < 4.0  # measured 1.3; 11 with one minimum a frame
 
 
+@pytest.mark.parametrize(("seconds", "new", "share"), [(0.04, 1.0, 0.08), (1.0, 1.0, 1.0), (0.04, 0.05, 1.0)])  # fmt: skip
+def test_frames_that_show_one_pose_count_as_one_unless_that_is_known_already(seconds, new, share):
+    evidence = Evidence(HAND, TrackerSettings(), lambda *_: NOTHING, {}, seconds, new=new)
+    assert ModeSearch(evidence, [], np.zeros((1, 26)), Control()).share == pytest.approx(share)
+
+
 def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere():
     pose, sure = HAND.rest_params(), 1e4 * np.eye(26)
     near, far = pose + 0.002 * (np.arange(26) == 0), _bent(pose, "index", 90.0)
@@ -126,7 +134,7 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     known = np.tile(1e-6 * np.eye(3), (len(HAND.joint_names), 1, 1))
     stated = FrameConfidence(Status.TRACKED, None, known)
     results = [posed_result(HAND, Observation(n, 0.0), pose, stated) for n in range(3)]
-    alone, two, apart = with_alternatives(HAND, results, Trellis(rows, 100.0 * np.eye(26)))
+    alone, two, apart = with_alternatives(HAND, results, Trellis(rows, 100.0 * np.eye(26), 1.0))
     assert [len(r.alternatives) for r in (alone, two, apart)] == [0, 2, 2]
     assert alone.status == two.status == Status.TRACKED
     held, other = apart.alternatives
