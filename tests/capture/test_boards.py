@@ -90,7 +90,7 @@ def test_prints_state_their_true_size(tmp_path, text):
     board = parse_board(text)
     width, height = page_size_mm(board)
     for suffix in ("svg", "pdf", "png"):
-        assert write_board(tmp_path / f"b.{suffix}", board, dpi=254.0) == (width, height)
+        assert write_board(tmp_path / f"b.{suffix}", board, dpi=127.0) == (width, height)
     svg = (tmp_path / "b.svg").read_text()
     assert f'width="{width:g}mm" height="{height:g}mm" viewBox="0 0 {width:g} {height:g}"' in svg
     pdf = (tmp_path / "b.pdf").read_bytes()
@@ -99,10 +99,10 @@ def test_prints_state_their_true_size(tmp_path, text):
     assert pdf[int(pdf.split(b"startxref\n")[1].split()[0]) :].startswith(b"xref")
     png = (tmp_path / "b.png").read_bytes()
     at = png.index(b"pHYs") + 4
-    assert struct.unpack(">IIB", png[at : at + 9]) == (10000, 10000, 1)
+    assert struct.unpack(">IIB", png[at : at + 9]) == (5000, 5000, 1)
     assert cv2.imdecode(np.frombuffer(png, np.uint8), 0).shape == (
-        round(height * 10),
-        round(width * 10),
+        round(height * 5),
+        round(width * 5),
     )
 
 

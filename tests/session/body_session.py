@@ -10,7 +10,7 @@ import numpy as np
 from handtrack import ArticulatedModel, Camera, CameraRig, HandScale, load_model
 from handtrack.arrays import F, Floats, P
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.capture.images.openpose import LAYOUTS
+from handtrack.capture.images.openpose import LAYOUTS, write_points
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.simulation.motion import motion as named_motion
 from tests.cameras import FACING, pinhole
@@ -76,9 +76,8 @@ def film(
             rows = np.zeros((LAYOUT.count, 3))
             for name, row in LAYOUT.points.items():
                 rows[row] = (*pixels[model.joint_names.index(name)], 0.9)
-            people = [{LAYOUT.keys[0]: rows.ravel().round(3).tolist()}]
             path = folder / "pose" / camera.name / f"{frame:06d}.json"
-            path.write_text(json.dumps({"people": people}))
+            write_points(path, rows, LAYOUT, "test")
     (folder / "session.toml").write_text("\n".join(lines) + "\n")
     return Filmed(folder, model, poses)
 

@@ -8,10 +8,19 @@ from typing import Any
 import cv2
 import numpy as np
 
-from handtrack.arrays import Floats
+from handtrack import CameraRig, Session
+from handtrack.arrays import D3, D21, F, Floats
+from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.images.openpose import write_hand
 from handtrack.files.toml_edit import edit_toml
-from handtrack.session.session_file import read_session_file
+from handtrack.session.session_file import (
+    CameraSettings,
+    HandSettings,
+    RecordingSettings,
+    SessionFile,
+    read_session_file,
+    write_session_file,
+)
 
 FRAMES = 4
 SETTINGS = """
@@ -105,6 +114,32 @@ def edit(path: Path, old: str, new: str) -> None:
     text = path.read_text()
     assert old in text, f"{old!r} is not in {path.name}"
     path.write_text(text.replace(old, new, 1))
+
+
+def joints_session(folder: Path, rig: CameraRig, hand: HandSettings = HandSettings()) -> Path:
+    """Write a session of cameras that have no files yet."""
+    cameras = tuple(CameraSettings(camera.name) for camera in rig)
+    file = SessionFile(RecordingSettings("joints", 30.0), hand, cameras)
+    write_session_file(folder / "session.toml", file)
+    write_rig(folder / "calibration.toml", rig)
+    return folder
+
+
+def add_seen(
+    folder: Path,
+    points: Floats[F, D21, D3],
+    noise_px: float,
+    off_px: Mapping[str, tuple[float, float]] = {},
+) -> Path:
+    """Give all cameras of a session the 2D joints of points [m], with noise; off_px: by how much some see all of them elsewhere."""
+    rng = np.random.default_rng(1)
+    return add_joints(folder, {
+        camera.name: {
+            frame: camera.project(hand) + rng.normal(scale=noise_px, size=(21, 2)) + off_px.get(camera.name, (0, 0))
+            for frame, hand in enumerate(points)
+        }
+        for camera in Session.open(folder).rig
+    })  # fmt: skip
 
 
 def add_joints(folder: Path, seen: Mapping[str, Mapping[int, Floats]]) -> Path:

@@ -1,7 +1,5 @@
 """Sessions: what an opened folder gives, frame by frame and camera by camera."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ from handtrack.session.session_file import (
     read_session_file,
     write_session_file,
 )
-from tests.session.small_session import edit, make_session
+from tests.session.small_session import edit
 from tests.session.test_hostile_sessions import contains, refusal
 
 
@@ -82,49 +80,35 @@ def test_what_is_written_reads_back(file, tmp_path):
     assert read_session_file(tmp_path / "session.toml") == file
 
 
-@pytest.fixture
-def halved(tmp_path: Path) -> Path:
+def test_c11_the_line_to_write_is_said_and_does_it(folder):
     """Of the second camera half as large masks as it is calibrated for."""
-    halved = make_session(tmp_path)
-    mask = np.zeros((24, 32), np.uint8)
-    mask[3:22, 9:24] = 255
     for frame in range(4):
-        cv2.imwrite(str(halved / f"masks/cam1/{frame:03d}.png"), mask)
-    return halved
-
-
-def test_c11_the_line_to_write_is_said_and_does_it(halved):
+        half = np.full((24, 32), 255, np.uint8)
+        cv2.imwrite(str(folder / f"masks/cam1/{frame:03d}.png"), half)
     contains(
-        refusal(halved), "32 x 24", "calibrated for 64 x 48", "0.5 times", "image_size = [32, 24]"
+        refusal(folder), "32 x 24", "calibrated for 64 x 48", "0.5 times", "image_size = [32, 24]"
     )
-    edit(halved / "session.toml", 'name = "cam1"', 'name = "cam1"\nimage_size = [32, 24]')
-    session = Session.open(halved)
+    edit(folder / "session.toml", 'name = "cam1"', 'name = "cam1"\nimage_size = [32, 24]')
+    session = Session.open(folder)
     assert session.rig["cam1"].size == (32, 24)
     assert session.rig["cam1"].matrix.tolist() == [[40, 0, 15.5], [0, 40, 11.5], [0, 0, 1]]
     assert session.rig["cam0"].size == (64, 48)
     assert [s.mask.shape for s in session.observation(0).silhouettes] == [(48, 64), (24, 32)]
 
 
-@pytest.fixture
-def installed(tmp_path, monkeypatch):
-    """Pretend to be a wheel: the recordings lie in the package, the working copies elsewhere."""
+def test_an_installed_program_gives_out_a_working_copy_keeps_work_and_completes_it(
+    tmp_path, monkeypatch
+):
+    """In a wheel the recordings lie in the package, the working copies elsewhere."""
     shelf = tmp_path / "site-packages" / "handtrack" / "bundled_sessions"
     (shelf / "fist" / "masks").mkdir(parents=True)
     (shelf / "fist" / "session.toml").write_text("[session]")
     (shelf / "fist" / "masks" / "0.png").write_text("mask")
     monkeypatch.setattr(bundled, "_INSTALLED", shelf)
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
-    return shelf
-
-
-def test_an_installed_program_gives_out_a_working_copy(installed, tmp_path):
     folder = bundled_session("fist")
     assert folder == tmp_path / "home" / "sessions" / "fist"
     assert (folder / "masks" / "0.png").read_text() == "mask"
-
-
-def test_the_users_work_is_kept_and_a_short_copy_completed(installed):
-    folder = bundled_session("fist")
     (folder / "session.toml").write_text("my own settings")
     (folder / "masks" / "0.png").unlink()
     assert bundled_session("fist") == folder

@@ -17,16 +17,6 @@ from handtrack.session.formats.truth import write_truth as write_given
 from tests.capture.sample_files import forms, sample
 from tests.session.small_session import keypoints, write_truth
 
-
-def test_reads_all_arrays(tmp_path):
-    write_truth(tmp_path)
-    truth = read_truth(tmp_path / "truth.npz")
-    assert truth.frame.tolist() == [0, 1, 2, 3]
-    assert truth.keypoints21.shape == (4, 21, 3)
-    assert truth.joint_names == ("wrist", "palm")
-    assert truth.time_s[3] == pytest.approx(0.3)
-
-
 NOT_FINITE = np.zeros((4, 21, 3))
 NOT_FINITE[2, 5, 1] = np.inf
 BAD: dict[str, tuple[dict[str, Any], str]] = {
