@@ -76,6 +76,12 @@ def tracked(recorded, tmp_path_factory):
 
 
 @pytest.fixture
+def done(tracked, tmp_path):
+    """The small recording with its result, which the test may change."""
+    return Path(shutil.copytree(tracked, tmp_path / "session"))
+
+
+@pytest.fixture
 def session(recorded, tmp_path):
     """The small recording, which the test may change."""
     return Path(shutil.copytree(recorded, tmp_path / "session"))

@@ -74,13 +74,12 @@ def test_bash_completes_commands_options_choices_and_files(handtrack, tmp_path):
 # ---- track, evaluate, export -----------------------------------------------------------------------
 
 
-def test_track_evaluate_export(handtrack, session):
-    handtrack.does("track", session)
-    poses = session / "tracks" / "poses.npz"
+def test_track_evaluate_export(handtrack, done):
+    poses = done / "tracks" / "poses.npz"
     first = poses.read_bytes()
 
     asked = ("evaluate", poses, "--json", "--truth")
-    metrics = json.loads(handtrack(*asked, session / "truth.npz").out)
+    metrics = json.loads(handtrack(*asked, done / "truth.npz").out)
     assert {f"flexion_{joint}_deg" for joint in BENT_JOINTS} < set(metrics)
     assert metrics["points_used"] == 5 * 21
     assert metrics["mpjpe_mm"] < 5
@@ -96,7 +95,7 @@ def test_track_evaluate_export(handtrack, session):
     as_truth = handtrack(*asked, poses.parent / "poses_keypoints.npz")
     assert json.loads(as_truth.out)["max_mm"] == 0
 
-    handtrack.does("track", session, "--seed", 0)
+    handtrack.does("track", done, "--seed", 0)
     assert poses.read_bytes() == first
     (kept,) = (poses.parent / "versions").iterdir()
     assert kept.read_bytes() == first

@@ -3,14 +3,12 @@ result is the same to the byte."""
 
 import os
 import random
-import shutil
 import signal
 import stat
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,12 +85,6 @@ POSES = "tracks/poses.npz"
 def whole(tracked):
     """The poses.npz of an undisturbed run."""
     return (tracked / POSES).read_bytes()
-
-
-@pytest.fixture
-def done(tracked, tmp_path):
-    """The recording with its track."""
-    return Path(shutil.copytree(tracked, tmp_path / "done"))
 
 
 @contextmanager

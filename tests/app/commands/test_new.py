@@ -145,7 +145,8 @@ def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_m
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
     monkeypatch.delenv("HANDTRACK_DETECTOR", raising=False)
     monkeypatch.setattr(track, "run", lambda args: done.append(args.init))
-    words = new(tmp_path / "made", "--video", f"cam0={SOURCE}/cam0.mp4", "--track")
+    film = video(tmp_path / "a.avi", 25, 3, SIZE)
+    words = new(tmp_path / "made", "--video", f"cam0={film}", "--track")
     refused(handtrack, tmp_path, [*words, "--detector", CALIBRATION], ["calibration.toml"])
     refused(handtrack, tmp_path, [*words, "--masks", "seeded"], ["no weights"])
     for yes in ([], ["--yes"]):  # that agrees to fetch it, and there is no network

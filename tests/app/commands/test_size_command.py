@@ -44,7 +44,7 @@ def larger(made, tmp_path):
 
 def test_a_size_is_saved_and_used(handtrack, larger):
     def error():
-        ended = handtrack.does("track", larger, "--frames", "0:4")
+        ended = handtrack.does("track", larger, "--frames", "0:3")
         assert ("mm ±" in ended.out) == (larger / "hand.json").exists(), ended.out
         words = ["evaluate", larger / "tracks/poses.npz", "--truth", larger / "truth.npz", "--json"]
         return json.loads(handtrack(*words).out)["mpjpe_tracked_mm"]
@@ -101,19 +101,11 @@ def test_a_person_of_a_recording_is_what_the_next_one_begins_with(handtrack, lar
     refused(handtrack, larger.parent, ["person", given], ["given"])
 
 
-def test_a_size_that_is_fitted_later(handtrack, larger):
+def test_a_size_that_is_fitted_later_is_told_and_its_interruption_keeps_what_was_tracked(
+    handtrack, larger, monkeypatch
+):
     edit(larger / "session.toml", "scale = 1.0", 'scale = "fit"')
-    ended = handtrack.does("track", larger, "--frames", "0:2", "--size-later")
-    told = [ended.err.index(w) for w in ("to the 2 frames that were tracked", "tracking again")]
-    assert told == sorted(told)
-    track = read_npz(larger / "tracks/poses.npz")
-    assert track.frame.tolist() == [0, 1]
-    size = json.loads(track.scale)["overall"]
-    assert size == pytest.approx(LARGER, rel=0.015)
-
-
-def test_an_interrupted_second_tracking_keeps_the_first(handtrack, larger, monkeypatch):
-    edit(larger / "session.toml", "scale = 1.0", 'scale = "fit"')
+    asked = ("track", larger, "--frames", "0:2", "--size-later")
     seen = track_command.TrackingRun.fit_size
 
     def fit(run, should_stop, **how):
@@ -121,10 +113,16 @@ def test_an_interrupted_second_tracking_keeps_the_first(handtrack, larger, monke
         time.sleep(0.01)
         return seen(run, should_stop, **how)
 
-    monkeypatch.setattr(track_command.TrackingRun, "fit_size", fit)
-    ended = handtrack("track", larger, "--frames", "0:2", "--size-later")
-    assert ended.code == 130
+    with monkeypatch.context() as patch:
+        patch.setattr(track_command.TrackingRun, "fit_size", fit)
+        assert handtrack(*asked).code == 130
     assert read_npz(larger / "tracks/poses.npz").frame.tolist() == [0, 1]
+    ended = handtrack.does(*asked)
+    told = [ended.err.index(w) for w in ("to the 2 frames that were tracked", "tracking again")]
+    assert told == sorted(told)
+    track = read_npz(larger / "tracks/poses.npz")
+    assert track.frame.tolist() == [0, 1]
+    assert json.loads(track.scale)["overall"] == pytest.approx(LARGER, rel=0.015)
 
 
 @pytest.fixture(scope="module")

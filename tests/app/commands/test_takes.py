@@ -22,10 +22,9 @@ from tests.session.small_session import edit
 
 
 @pytest.fixture
-def session(tracked, tmp_path):
+def session(done):
     """The small recording with three takes: as it came, refined, and one of three frames that is a centimetre off."""
-    folder = Path(shutil.copytree(tracked, tmp_path / "session"))
-    with WritableStore(folder / "tracks", "a test") as store:
+    with WritableStore(done / "tracks", "a test") as store:
         first = store.take(2)
         writer = store.begin(replace(first.about, by="another", frames=(1, 4)))
         for result in first.results(range(1, 4)):
@@ -34,7 +33,7 @@ def session(tracked, tmp_path):
             writer.add(
                 Step(replace(result, parameters=moved, joint_positions=points, keypoints21=points))
             )
-    return folder
+    return done
 
 
 def test_takes_are_listed_with_their_size(handtrack, session):

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 
 from handtrack import Session, Status, bundled_session, load_model, read_npz
 from handtrack.model.pose_library import named_pose
+from tests.app.command_line import QUICK
 from tests.capture.mosaics import mosaic_of
 from tests.session.small_session import edit
 
@@ -33,8 +33,7 @@ def test_c16_c17_other_things_in_masks_are_told_and_cost_one_frame_at_most(handt
             frame,
             lambda m: cv2.ellipse(m, (40, 50), (30, 40), 0, 0, 360, 255, -1),
         )
-    quick = [f"--set=tracker.{search}=false" for search in ("recovery", "escape")]
-    handtrack.does("track", session, *quick)
+    handtrack.does("track", session)
     found, truth = read_npz(session / "tracks/poses.npz"), Session.open(session).truth
     assert found.status.tolist() == [
         Status.TRACKED, Status.TRACKED, Status.LOST, Status.DOUBTFUL, Status.DOUBTFUL,
@@ -68,25 +67,23 @@ def asked(monkeypatch):
     return times
 
 
-def test_c31_track_and_doctor_name_the_other_side(handtrack, tracked, tmp_path, asked):
-    session = Path(shutil.copytree(tracked, tmp_path / "session"))
-    handtrack.does("track", session, "--frames", "0:2")
-    assert DOUBT not in handtrack("doctor", session).out
+def test_c31_track_and_doctor_name_the_other_side(handtrack, done, asked):
+    handtrack.does("track", done, "--frames", "0:2")
+    assert DOUBT not in handtrack("doctor", done).out
     assert asked == []  # its first pose says where each joint is
-    poses = read_npz(session / "tracks/poses.npz")
+    poses = read_npz(done / "tracks/poses.npz")
     row = dict(zip(poses.parameter_names, map(float, poses.parameters[0]), strict=True))
-    (session / "init.json").write_text(json.dumps({"frame": 0, "parameters": row}))
-    ended = handtrack.does("track", session, "--frames", "0:2", "--json", "--restart")
+    (done / "init.json").write_text(json.dumps({"frame": 0, "parameters": row}))
+    ended = handtrack.does("track", done, "--frames", "0:2", "--json", "--restart")
     assert asked == [[0, 1]]
     assert DOUBT in json.loads(ended.out)["warnings"]
     assert f"note: {DOUBT}" in ended.err
-    assert f"warning: tracks/poses.npz: {DOUBT}" in handtrack("doctor", session).out
+    assert f"warning: tracks/poses.npz: {DOUBT}" in handtrack("doctor", done).out
 
 
 def test_joints_of_the_other_hand_are_asked_about_before_anything_is_tracked(
-    handtrack, recorded, tmp_path
+    handtrack, session, tmp_path
 ):
-    session = Path(shutil.copytree(recorded, tmp_path / "session"))
     left = load_model(side="left")
     points = left.keypoints21(left.bones(named_pose(left, "pinch")))
     given = {"frame": 0, "convention": "openpose21", "unit": "m", "xyz": points.tolist()}
@@ -100,7 +97,7 @@ def test_joints_of_the_other_hand_are_asked_about_before_anything_is_tracked(
     assert out.exists()
 
 
-FRAMES = 3
+FRAMES = 2
 CAMERAS = ("cam0", "cam1", "cam2")
 SKIN = 'masks = { method = "skin_ycrcb", open_px = 0 }'
 
@@ -122,7 +119,7 @@ def mosaics(tmp_path):
         video.release()
         raw = f'"{camera}/*.png"\nbayer = "grbg"\nwhite_level = 4080'
         text = text.replace(f'"{camera}.mp4"', raw).replace(f'masks = "masks/{camera}/*.png"', SKIN)
-    (folder / "session.toml").write_text(text)
+    (folder / "session.toml").write_text(text + QUICK)
     return folder
 
 
