@@ -21,15 +21,10 @@ BINARY = {".png", ".jpg", ".mp4", ".npz", ".ply", ".gif", ".ico", ".glb", ".webp
 
 
 def committed() -> list[Path]:
-    """Return the files git knows or would add; without git, those of the source folders."""
+    """Return the files git knows or would add: none where there is no repository."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
-    try:
-        listed = subprocess.run(command, cwd=REPOSITORY, capture_output=True, check=True).stdout
-        paths = [REPOSITORY / name for name in listed.decode().split("\0") if name]
-    except (OSError, subprocess.CalledProcessError):
-        folders = ("handtrack", "app", "tests", "sessions", "docs")
-        paths = [path for folder in folders for path in (REPOSITORY / folder).rglob("*")]
-        paths = [path for path in paths if "__pycache__" not in path.parts]
+    listed = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    paths = [REPOSITORY / name for name in listed.stdout.split("\0") if name]
     return [path for path in paths if path.is_file()]
 
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import HandtrackError
-from handtrack.capture.calibration.rig_file import read_rig, write_rig
+from handtrack.capture.calibration.rig_file import read_rig
 
 GOOD = """
 [cam_0]
@@ -39,16 +39,6 @@ def test_reads_aniposes_form_in_metres(tmp_path):
     assert_allclose(camera.translation, [0.01, 0.02, 0.7])
     assert_allclose(camera.rotation, cv2.Rodrigues(np.array([0.1, 0.2, 0.3]))[0])
     assert_allclose(camera.distortions, [0.1, -0.2, 0.001, 0.002, 0.0])
-
-
-def test_what_is_written_reads_back(tmp_path):
-    rig = read_rig(write(tmp_path / "c.toml", GOOD), 0.001)
-    write_rig(tmp_path / "again.toml", rig)
-    again = read_rig(tmp_path / "again.toml")
-    for one, other in zip(rig, again, strict=True):
-        assert (one.name, one.size) == (other.name, other.size)
-        for key in ("matrix", "distortions", "rotation", "translation"):
-            assert_allclose(getattr(one, key), getattr(other, key), atol=1e-15)
 
 
 NO_RIGHT = "rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"

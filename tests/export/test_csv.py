@@ -16,7 +16,7 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import scale_table
 from handtrack.tracking.frame.result import COLUMNS
 from handtrack.tracking.frame.tables.labelled import joint_confidence
-from tests.export.sequences import KINDS, sample_sequence
+from tests.export.sequences import sample_sequence
 from tests.sample_track import sample_track
 
 
@@ -28,21 +28,6 @@ def written(name: str, track: TrackResult, folder: Path) -> list[Path]:
 def rows_of(path: Path) -> list[dict[str, str]]:
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_tidy_tables_have_a_row_a_joint_an_angle_a_bone(kind, tmp_path):
-    model, track = sample_sequence(kind)
-    joints, angles, bones = map(rows_of, written("csv-long", track, tmp_path)[:3])
-    assert len(joints) == len(track) * len(model.joint_names)
-    assert float(joints[-1]["z_m"]) == pytest.approx(track.joint_positions[-1, -1, 2])
-    own = [row for row in angles if row["convention"] == "handtrack"]
-    assert len(own) == len(track) * (len(model.parameter_names) - 6)
-    assert np.deg2rad(float(own[-1]["value_deg"])) == pytest.approx(track.parameters[-1, -1])
-    assert np.deg2rad(float(own[-1]["std_deg"])) == pytest.approx(track.parameter_std[-1, -1])
-    isb = [row for row in angles if row["convention"] == "isb"]
-    assert len(isb) == (len(track) * 45 if model.has_keypoints21 else 0)
-    assert len(bones) == len(track) * len(model.skeleton.bone_names)
 
 
 @pytest.mark.parametrize("kind", ["csv", "csv-long", "anipose"])

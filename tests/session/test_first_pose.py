@@ -33,22 +33,10 @@ def test_keypoints_with_unknown_rows(tmp_path):
 
 
 def test_what_is_written_reads_back(tmp_path):
-    xyz = keypoints()
-    xyz[4] = np.nan
-    small = HandScale(0.8, {"thumb": 1.05})
-    poses = [
-        FirstPose(3, {}, xyz),
-        FirstPose(2, {"root_tx": 0.1}),
-        FirstPose(2, {"root_tx": 0.1}, scale=small),
-    ]
-    for pose in poses:
-        write_first_pose(tmp_path / "i.json", pose)
-        again = read_first_pose(tmp_path / "i.json")
-        assert (again.frame, dict(again.parameters)) == (pose.frame, dict(pose.parameters))
-        assert again.scale == pose.scale
-        if pose.xyz is not None:
-            assert again.xyz is not None
-            assert_array_equal(again.xyz, pose.xyz)
+    pose = FirstPose(2, {"root_tx": 0.1}, scale=HandScale(0.8, {"thumb": 1.05}))
+    write_first_pose(tmp_path / "i.json", pose)
+    again = read_first_pose(tmp_path / "i.json")
+    assert (again.frame, again.parameters, again.scale) == (2, pose.parameters, pose.scale)
 
 
 @pytest.fixture(scope="module")

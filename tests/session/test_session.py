@@ -5,17 +5,7 @@ import numpy as np
 import pytest
 
 from handtrack import HandtrackError, Session, bundled_session
-from handtrack.capture.masks.segmentation import DepthRange, SkinYCrCb
 from handtrack.session import bundled
-from handtrack.session.session_file import (
-    CameraSettings,
-    CloudSettings,
-    HandSettings,
-    RecordingSettings,
-    SessionFile,
-    read_session_file,
-    write_session_file,
-)
 from tests.session.small_session import edit
 from tests.session.test_hostile_sessions import contains, refusal
 
@@ -55,29 +45,6 @@ def test_time_is_that_of_the_first_camera_with_time_stamps(folder):
     assert [session.time_s(f) for f in range(3)] == pytest.approx([0.0, 0.1, 0.2])
     assert session.fps == pytest.approx(10.0, rel=0.06)
     assert session.time_s(5) == pytest.approx(0.3 + 2 / session.fps)
-
-
-FULL = SessionFile(
-    RecordingSettings('two "views"', 29.97, "times.csv", 0.043),
-    HandSettings("hand26", "left", 1.05, True),
-    (
-        CameraSettings("cam0", "cam0.mp4", SkinYCrCb(y_min=50), roi=(1, 2, 30, 40)),
-        CameraSettings("cam1", "cam1/*.png", "masks/cam1/*.png"),
-        CameraSettings(
-            "kinect", masks=DepthRange(near_m=0.2, far_m=0.9), depth="d/*.png", depth_scale_m=0.001
-        ),
-        CameraSettings("drawn"),
-    ),
-    CloudSettings(stereo=(("cam0", "cam1"),), given={"crop_m": 0.1, "max_points": 2000}),
-    {"silhouettes": {"weight": 2.0, "term": "coverage"}, "model": {"coupling": "21"}},
-)
-BARE = SessionFile(RecordingSettings("bare", 30.0), HandSettings(), (CameraSettings("a"),))
-
-
-@pytest.mark.parametrize("file", [FULL, BARE], ids=["full", "bare"])
-def test_what_is_written_reads_back(file, tmp_path):
-    write_session_file(tmp_path / "session.toml", file)
-    assert read_session_file(tmp_path / "session.toml") == file
 
 
 def test_c11_the_line_to_write_is_said_and_does_it(folder):

@@ -6,24 +6,18 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
-import numpy as np
 import pytest
 
 from handtrack import (
     FrameResult,
     Session,
-    Status,
     TrackingRequest,
     TrackingRun,
     load_model,
-    request_for,
     track_session,
 )
 from handtrack.arrays import Floats
-from handtrack.session.posed_frames import posed_frames
 from handtrack.session.track_session import Ended, SizeFitted, tracking_segments
-from handtrack.store.history import Change
-from handtrack.store.store import WritableStore
 from tests.app.command_line import small_recording
 
 
@@ -55,30 +49,6 @@ def test_a_hand_that_was_sized_on_opening_is_not_sized_again(folder):
     *events, expected = track_session(unsized.with_values({"model.fit_size": "true"}))
     assert any(isinstance(one, SizeFitted) for one in events)
     assert end.track.parameters.tobytes() == expected.track.parameters.tobytes()
-
-
-def test_a_keyframe_of_the_workbench_stays_and_its_neighbours_are_tracked_from_it(
-    folder,
-):
-    run = TrackingRun.open(Session.open(folder))
-    _, params = run.initial()
-    pose = run.model.joint_params(params)
-    pose[run.model.parameter_names.index("index_mcp_flex")] += 0.2
-    values = dict(zip(run.model.parameter_names, pose.tolist(), strict=True))
-    with WritableStore(folder / "tracks", "test") as store:
-        history = store.history()
-        action = history.next("", [Change("pose/2", None, {"parameters": values})])
-        store.write(action)
-    _, fixed, _ = posed_frames(run)
-    assert list(fixed) == [2]
-    segments = tracking_segments(run, request_for(run))
-    assert 2 not in [frame for one in segments for frame in one.frames]
-    assert segments[-1].first == 3
-    end = ended(track_session(run))
-    row = end.track.frame.tolist().index(2)
-    assert end.track.status[row] == Status.KEYFRAME
-    np.testing.assert_array_equal(end.track.parameters[row], pose)
-    assert len(end.results) == len(run.session.frame_range)
 
 
 def _segments(

@@ -193,12 +193,7 @@ def same_record(one: Record | Gap, other: Record | Gap) -> bool:
     return repr(unplaced[0]) == repr(unplaced[1])
 
 
-def test_what_is_written_is_read():
-    assert all(map(same_record, read(FILE), RECORDS))
-    assert [r.payload for r in read(FILE, payloads=False) if isinstance(r, Record)] == [b""] * 4
-
-
-@pytest.mark.parametrize("length", range(0, len(FILE), 7))
+@pytest.mark.parametrize("length", [*range(0, len(FILE), 7), len(FILE)])
 def test_a_cut_file_loses_its_end_alone(length):
     ends = np.cumsum([len(encoded(record)) for record in RECORDS])
     whole = int((ends <= length).sum())
