@@ -8,7 +8,6 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.kinematics import BoneFields, BonePoses
-from handtrack.solver.problem import Problem
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -109,17 +108,6 @@ def check_parameter_term(
     _check_cost(system.cost, term.cost(joint_params), term.name)
     _check_hessian(system.hessian, len(joint_params))
     check_gradient(term.cost, system.gradient, joint_params, names, step, rtol, atol)
-
-
-def check_problem(
-    problem: Problem, params: Floats, step: float = 1e-6, rtol: float = 1e-5, atol: float = 0.0
-) -> None:
-    """Compare the whole problem's gradient (P,) with the change of its cost."""
-    system = problem.linearize(params)
-    _check_cost(system.cost, problem.cost(params), "problem")
-    _check_hessian(system.hessian, len(params))
-    names = problem.model.transform.names
-    check_gradient(problem.cost, system.gradient, params, names, step, rtol, atol)
 
 
 def deformed(bones: BonePoses, by: Floats) -> BonePoses:

@@ -9,26 +9,27 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.loss import Loss
 from handtrack.terms.rows import Rows, motion_row
 
+STEP = 1e-20
+"""so small that a function of x + i·STEP is its value plus i·STEP times its slope, to the last digit"""
 
-def distances(flesh: Ellipsoids, points: Floats, form: str) -> tuple[Floats, Floats]:
-    """Return d (N, E) and its gradient (N, E, 3) for each ellipsoid on its own (2004 paper, section 3.3)."""
+
+def distances(flesh: Ellipsoids, points: Floats, form: str) -> Floats:
+    """Return d (N, E) for each ellipsoid on its own (2004 paper, section 3.3)."""
     out = points[:, None] - flesh.centre
     y = np.einsum("eji,nej->nei", flesh.rotation, out) / flesh.radii
-    g = np.einsum("eij,nej->nei", flesh.rotation, y / flesh.radii)
-    k = np.linalg.norm(y, axis=-1)
-    rho = np.linalg.norm(out, axis=-1)
-    least = flesh.radii.min(axis=1)
-    near = least * (k - 1), (least / k)[..., None] * g
-    far = rho * (1 - 1 / k), (rho / k**3)[..., None] * g + ((1 - 1 / k) / rho)[..., None] * out
-    inner = {"d1": np.ones_like(k, bool), "d2": np.zeros_like(k, bool), "d3": k < 1}[form]
-    return np.where(inner, near[0], far[0]), np.where(inner[..., None], near[1], far[1])
+    k, rho = (np.sqrt((v**2).sum(axis=-1)) for v in (y, out))
+    inner = {"d1": True, "d2": False, "d3": k.real < 1}[form]
+    return np.where(inner, flesh.radii.min(axis=1) * (k - 1), rho * (1 - 1 / k))
 
 
 def merged(
     surface: MetaballSurface, bones: BonePoses, points: Floats
 ) -> tuple[Floats, Ints, Floats, Floats]:
     """Return d (N,), the closest ellipsoid (N,), weights (N, E) and each ellipsoid's gradient (N, E, 3)."""
-    d, n = distances(surface.ellipsoids.posed(bones), points, surface.form)
+    flesh = surface.ellipsoids.posed(bones)
+    d = distances(flesh, points, surface.form)
+    moved = [distances(flesh, points + 1j * STEP * axis, surface.form) for axis in np.eye(3)]
+    n = np.stack(moved, axis=2).imag / STEP
     closest = d.argmin(axis=1)
     least = d.min(axis=1)
     share = np.exp(-surface.sharpness * (d - least[:, None])) * surface.linked[closest]

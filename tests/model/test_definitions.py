@@ -12,10 +12,13 @@ from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.model.transform import build_transform
 from handtrack.terms.collision import CollisionTerm, contact
 
+BODY = load_model("body34")
 
-def tip(model, name, **angles):
-    bones = model.bones(model.params_from(angles))
-    return model.joint_positions(bones)[model.joint_names.index(name)]
+
+def placed(model, joint, **degrees):
+    angles = {name: np.deg2rad(value) for name, value in degrees.items()}
+    points = model.joint_positions(model.bones(model.params_from(angles)))
+    return points[model.joint_names.index(joint)]
 
 
 def test_zero_pose_is_flat_with_fingers_along_y_and_the_thumb_at_minus_x():
@@ -32,20 +35,20 @@ def test_zero_pose_is_flat_with_fingers_along_y_and_the_thumb_at_minus_x():
 def test_flexion_bends_to_the_palm(finger):
     model = load_model()
     for joint in ("mcp", "pip", "dip"):
-        bent = tip(model, f"{finger}_tip", **{f"{finger}_{joint}_flex": 0.5})
-        assert bent[2] < tip(model, f"{finger}_tip")[2] - 0.005
+        bent = placed(model, f"{finger}_tip", **{f"{finger}_{joint}_flex": 30.0})
+        assert bent[2] < placed(model, f"{finger}_tip")[2] - 0.005
 
 
 def test_signs_of_abduction():
     model = load_model()
 
     def moved(name, **angles):
-        return tip(model, name, **angles) - tip(model, name)
+        return placed(model, name, **angles) - placed(model, name)
 
     for finger, sign in (("index", -1), ("middle", -1), ("ring", 1), ("little", 1)):
-        assert np.sign(moved(f"{finger}_tip", **{f"{finger}_mcp_abd": 0.3})[0]) == sign, finger
-    assert moved("thumb_tip", thumb_cmc_abd=0.3)[2] < -0.01  # away from the palm: to its side
-    assert moved("thumb_tip", thumb_cmc_flex=0.5)[0] > 0.01  # flexed: across the palm
+        assert np.sign(moved(f"{finger}_tip", **{f"{finger}_mcp_abd": 20.0})[0]) == sign, finger
+    assert moved("thumb_tip", thumb_cmc_abd=20.0)[2] < -0.01  # away from the palm: to its side
+    assert moved("thumb_tip", thumb_cmc_flex=30.0)[0] > 0.01  # flexed: across the palm
 
 
 def test_wrist_flexion_brings_palm_and_forearm_together():
@@ -92,17 +95,6 @@ def test_spread_shrinks_as_the_knuckle_bends():
     assert np.ptp(model.limits.bounds(bent)[abd]) < 0.5 * np.ptp(model.limits.bounds(straight)[abd])
 
 
-@pytest.fixture(scope="module")
-def body():
-    return load_model("body34")
-
-
-def placed(model, joint, **degrees):
-    angles = {name: np.deg2rad(value) for name, value in degrees.items()}
-    points = model.joint_positions(model.bones(model.params_from(angles)))
-    return points[model.joint_names.index(joint)]
-
-
 @pytest.mark.parametrize("name", ["body34", "body38"])
 def test_left_and_right_are_mirror_images(name, rng):
     """The same angles left and right, and opposite leans and twists of the trunk, give the mirrored pose."""
@@ -124,14 +116,13 @@ def test_left_and_right_are_mirror_images(name, rng):
     assert_allclose(a * [-1.0, 1.0, 1.0], b[swapped], atol=1e-12)
 
 
-def test_signs_of_limbs(body):
+def test_signs_of_limbs():
     """Of the left ones; the right ones are mirror images."""
 
     def turned(parameter, joint):
-        bend = {"left_elbow_flex": 60.0, "left_knee_flex": 60.0}
-        bend = {} if "twist" not in parameter else bend
-        before = placed(body, f"left_{joint}", **bend)
-        return placed(body, f"left_{joint}", **{f"left_{parameter}": 30.0, **bend}) - before
+        bend = {"left_elbow_flex": 60.0, "left_knee_flex": 60.0} if "twist" in parameter else {}
+        before = placed(BODY, f"left_{joint}", **bend)
+        return placed(BODY, f"left_{joint}", **{f"left_{parameter}": 30.0, **bend}) - before
 
     assert turned("hip_flex", "knee")[2] > 0.1
     assert turned("hip_abd", "knee")[0] > 0.1
@@ -144,25 +135,25 @@ def test_signs_of_limbs(body):
     assert turned("clavicle_protract", "shoulder")[2] > 0.05
 
 
-def test_signs_of_trunk_and_head(body):
+def test_signs_of_trunk_and_head():
     for bone, tip in (("spine", "neck"), ("neck", "head_top")):
-        start = placed(body, tip)
-        assert placed(body, tip, **{f"{bone}_flex": 30})[2] > start[2] + 0.05
-        assert placed(body, tip, **{f"{bone}_lean": 30})[0] > start[0] + 0.05
-        assert placed(body, "nose", **{f"{bone}_twist": 30})[0] > 0.03
+        start = placed(BODY, tip)
+        assert placed(BODY, tip, **{f"{bone}_flex": 30})[2] > start[2] + 0.05
+        assert placed(BODY, tip, **{f"{bone}_lean": 30})[0] > start[0] + 0.05
+        assert placed(BODY, "nose", **{f"{bone}_twist": 30})[0] > 0.03
 
 
-def test_proportions_move_hips_clavicles_and_skull(body):
+def test_proportions_move_hips_clavicles_and_skull():
     parts = {"hip": "hip", "clavicle": "shoulder", "skull": "head_top"}
-    places = body.joint_positions(body.bones(np.zeros(34)))
-    for name in body.proportions.names:
+    places = BODY.joint_positions(BODY.bones(np.zeros(34)))
+    for name in BODY.proportions.names:
         changed = load_model("body34", scale=HandScale(1.0, {}, {name: 2.0}))
         moved = np.abs(changed.joint_positions(changed.bones(np.zeros(34))) - places).max(axis=1)
         assert ((moved > 0.005) == (moved > 0)).all(), name
-        own = [joint.endswith(parts[name.split("_")[0]]) for joint in body.joint_names]
+        own = [joint.endswith(parts[name.split("_")[0]]) for joint in BODY.joint_names]
         assert moved[own].min() > 0.005, name
     wide = load_model("body34", scale=HandScale(1.0, {}, {"hip_width": 1.0}))
-    assert placed(wide, "left_hip")[0] - placed(body, "left_hip")[0] == pytest.approx(0.007)
+    assert placed(wide, "left_hip")[0] - placed(BODY, "left_hip")[0] == pytest.approx(0.007)
     assert placed(wide, "right_hip")[0] == pytest.approx(-placed(wide, "left_hip")[0])
 
 
@@ -267,20 +258,11 @@ def test_reduced_sets(coupling, count, rng):
 
 
 def test_a_leaders_bounds_are_the_intersection():
-    """pip in [0, 110°] and dip = 2/3 pip in [0, 60°] leave pip [0, 90°]."""
-    transform = build_transform(("pip", "dip"), {"dip": ("pip", 2 / 3)})
-    reduced = transform.reduce_bounds(np.deg2rad([[0, 110], [0, 60]]))
-    assert_allclose(np.rad2deg(reduced), [[0, 90]])
-
-
-def test_reduced_bounds_keep_every_joint_within_its_own(rng):
-    model = load_model(coupling="18", forearm=True)
-    bounds = model.limits.interval
-    reduced = model.transform.reduce_bounds(bounds)
-    finite = np.where(np.isfinite(reduced), reduced, 0.0)
-    for _ in range(50):
-        joint = model.joint_params(rng.uniform(finite[:, 0], finite[:, 1]))
-        assert ((joint >= bounds[:, 0] - 1e-12) & (joint <= bounds[:, 1] + 1e-12)).all()
+    """pip in [0, 110°] and dip = 2/3 pip in [0, 60°] leave pip [0, 90°]; a ratio below 0 changes the ends."""
+    couplings = {"dip": ("pip", 2 / 3), "ring": ("spread", 2.0), "index": ("spread", -1.0)}
+    transform = build_transform(("pip", "dip", "ring", "index"), couplings)
+    reduced = transform.reduce_bounds(np.deg2rad([[0, 110], [0, 60], [-20, 30], [-5, 40]]))
+    assert_allclose(np.rad2deg(reduced), [[0, 90], [-10, 5]])
 
 
 @pytest.mark.parametrize(

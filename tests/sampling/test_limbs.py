@@ -1,13 +1,14 @@
 """Limbs: inverse kinematics, interpretation trees, chains, and which of them jump."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import load_model
 from handtrack.sampling.chains import chain_along, chain_votes, chains_of
-from handtrack.sampling.interpretation_tree import extended, interpretation_tree, rooted
-from handtrack.sampling.limb_ik_kernels import pierce
+from handtrack.sampling.interpretation_tree import interpretation_tree
 from tests.cameras import FACING, pinhole
 
 X, Y, Z = np.eye(3)
@@ -21,80 +22,10 @@ def _random_pose(model, rng):
     return model.clipped(params)
 
 
-def limb_angles(model, params, chain, places, spare=None):
-    """Return joint parameters (M, S) that put the joints of a prepared chain after its first at places (links, 3), within limits.
-
-    Where places leave a turn open, a stretched limb's twist, it keeps its angle, or that of `spare` (S,).
-    """
-    given = model.joint_params(params)
-    branches = rooted(model, chain, [model.bones(params)], given[None])
-    wanted = (given if spare is None else spare)[chain.columns]
-    for link, place in enumerate(places):
-        count = len(branches.source)
-        targets, missed = np.tile(place, (count, 1, 1)), np.zeros((count, 1), np.int8)
-        kept = np.tile(wanted, (count, 1))
-        branches = extended(chain, branches, link, targets, missed, kept, tolerance=1e-6)
-    found = np.tile(given, (len(branches.source), 1))
-    found[:, chain.columns] = branches.angles
-    return found[within_limits(model.limits, found)]
-
-
 def within_limits(limits, joint_params, slack=1e-9):
     """Return (N,) whether joint parameters (N, S) are within limits, also those that narrow with another."""
     low, high = np.moveaxis(limits.bounds(joint_params), -1, 0)
     return ((joint_params >= low - slack) & (joint_params <= high + slack)).all(axis=1)
-
-
-@pytest.mark.parametrize(
-    ("name", "coupling"),
-    [("hand26", "26"), ("hand26", "21"), ("body34", "26"), ("body38", "26")],
-)
-def test_every_limb_finds_its_way_back(name, coupling, rng):
-    """Random poses within limits → positions → angles: the pose is among the solutions, and all reach the positions."""
-    model = load_model(name, coupling=coupling)
-    rest = model.rest_params()
-    for chain in chains_of(model):
-        joints = [model.joint_names.index(joint) for joint in chain.joints]
-        own = [model.transform.names.index(p) for p in chain.parameters if p != "neck_twist"]
-        for _ in range(20):
-            params = _random_pose(model, rng)
-            goal = model.joint_positions(model.bones(params))[joints]
-            elsewhere = params.copy()
-            elsewhere[own] = rest[own]
-            found = limb_angles(model, elsewhere, chain, goal[1:])
-            off = np.abs(found - model.joint_params(params)).max(axis=1)
-            assert off.min() < 1e-6, (chain.name, off)
-            for joint in found:
-                reached = model.joint_positions(model.bones(model.transform.solver_params(joint)))
-                assert_allclose(reached[joints], goal, atol=2e-6)
-
-
-def test_a_stretched_limb_keeps_its_twist_or_takes_the_one_given():
-    model = load_model("body34")
-    chain = next(c for c in chains_of(model) if c.name == "left_arm")
-    params = model.rest_params()
-    twist, flex = (
-        model.parameter_names.index(f"left_{n}") for n in ("shoulder_twist", "elbow_flex")
-    )
-    params[[twist, flex]] = 0.4, 0.0
-    joints = [model.joint_names.index(joint) for joint in chain.joints[1:]]
-    goal = model.joint_positions(model.bones(params))[joints]
-    kept = limb_angles(model, params, chain, goal)
-    assert_allclose(kept[0], params, atol=1e-9)
-    spare = params.copy()
-    spare[twist] = -0.7
-    sampled = limb_angles(model, params, chain, goal, spare)
-    assert sampled[0, twist] == pytest.approx(-0.7)
-    assert_allclose(model.joint_positions(model.bones(sampled[0]))[joints], goal, atol=1e-9)
-
-
-def test_positions_out_of_reach_have_no_solution():
-    model = load_model("body34")
-    chain = chain_along(model, "forearm", ("left_elbow", "left_wrist"))
-    params = model.rest_params()
-    places = model.joint_positions(model.bones(params))
-    away = places[model.joint_names.index("left_wrist")] + (0.0, 0.0, 0.05)
-    assert limb_angles(model, params, chain, away[None]).shape == (0, 34)
 
 
 @pytest.fixture(scope="module")
@@ -122,17 +53,6 @@ def _pixels(model, camera, params, joints):
     return camera.project(model.joint_positions(model.bones(params)))[index]
 
 
-def test_ray_and_sphere_by_hand():
-    points, missed = np.zeros((2, 2, 3)), np.zeros((2, 2), dtype=np.int8)
-    starts = np.array([[0.0, 0.6, 5.0], [0.0, 3.0, 5.0]])
-    pierce(starts, np.zeros(3), Z, 1.0, points, missed, True)
-    assert_allclose(points[0], [[0, 0, 4.2], [0, 0, 5.8]])
-    assert_allclose(points[1, 0], [0, 2, 5])  # missed: the sphere's point nearest to the ray
-    assert missed.tolist() == [[0, 0], [1, 2]]
-    pierce(starts, 4.5 * Z, Z, 1.0, points, missed, False)
-    assert missed.tolist() == [[2, 0], [2, 2]]  # the nearer one lies behind the camera
-
-
 def test_one_flipped_link_by_hand(body):
     """A thigh lifted 30° to the camera flips to 30° away from it, as seen from far off."""
     far = _distant(3600.0)
@@ -146,61 +66,76 @@ def test_one_flipped_link_by_hand(body):
     assert leaves.far.tolist() == [[False], [True]]
 
 
-def test_every_leaf_is_seen_where_the_pose_is(body, camera, rng):
-    chains = chains_of(body)
-    joints = [joint for chain in chains for joint in chain.joints]
-    for _ in range(5):
-        params = _bent(body, rng)
-        tree = interpretation_tree(body, params, chains, camera)
-        assert tree.exact.all()
-        assert within_limits(body.limits, tree.params).all()
-        seen = _pixels(body, camera, params, joints)
-        for leaf in tree.params:
-            assert_allclose(_pixels(body, camera, leaf, joints), seen, atol=1e-6)
-        assert np.abs(tree.params - params).max(axis=1).min() < 1e-7  # the pose itself is a leaf
-        assert len(np.unique(tree.far, axis=0)) == len(tree)
+@pytest.mark.parametrize(
+    ("name", "coupling"),
+    [("hand26", "26"), ("hand26", "21"), ("hand26", "18"), ("body34", "26"), ("body38", "26")],
+)
+def test_all_leaves_are_seen_where_the_pose_is_and_one_is_the_pose(name, coupling, camera, rng):
+    """Random poses within limits, each limb looked for from the resting one."""
+    model = load_model(name, coupling=coupling)
+    rest = model.rest_params()
+    for chain in chains_of(model):
+        own = [model.transform.names.index(p) for p in chain.parameters if p != "neck_twist"]
+        joints = [model.joint_names.index(joint) for joint in chain.joints]
+        for _ in range(20):
+            params = _random_pose(model, rng)
+            places = model.joint_positions(model.bones(params))
+            elsewhere, seen = params.copy(), camera.project(places)
+            elsewhere[own] = rest[own]
+            tree = interpretation_tree(model, elsewhere, [chain], camera, seen)
+            assert tree.exact.all()
+            assert within_limits(model.limits, tree.params @ model.transform.matrix.T).all()
+            assert len(np.unique(tree.far, axis=0)) == len(tree)
+            found = [model.joint_positions(model.bones(leaf))[joints] for leaf in tree.params]
+            for leaf in found:
+                assert_allclose(camera.project(leaf), seen[joints], atol=1e-6)
+            assert np.abs(found - places[joints]).max(axis=(1, 2)).min() < 1e-8
 
 
-def test_leaves_meet_the_image_positions_given(body, camera, rng):
-    params = _bent(body, rng)
+def test_no_joint_is_put_behind_the_camera(body):
+    """Ten centimetres before a shoulder, the line of sight to the elbow goes on behind."""
+    arm = chain_along(body, "arm", ("left_shoulder", "left_elbow"))
+    places = [body.joint_names.index(name) for name in arm.joints]
+    rest = body.rest_params()
+    shoulder, _ = body.joint_positions(body.bones(rest))[places]
+    near = replace(_distant(1.0), translation=[0, 0, 0.1] - FACING @ shoulder)
+    leaves = interpretation_tree(body, rest, [arm], near).params
+    found = [body.joint_positions(body.bones(leaf))[places] for leaf in leaves]
+    assert near.to_camera(np.array(found))[..., 2].min() > 0.0
+
+
+def test_a_stretched_limb_keeps_its_twist_or_has_one_drawn(body, camera, rng):
     arm = chains_of(body)[1]
-    targets = np.full((len(body.joint_names), 2), np.nan)
-    shown = _pixels(body, camera, params, arm.joints[1:]) + (3.0, -4.0)
-    for name, place in zip(arm.joints[1:], shown, strict=True):
-        targets[body.joint_names.index(name)] = place
-    tree = interpretation_tree(body, params, [arm], camera, targets)
-    assert len(tree) > 0
-    for leaf in tree.params:
-        assert_allclose(_pixels(body, camera, leaf, arm.joints[1:]), shown, atol=1e-6)
+    params = body.rest_params()
+    twist, flex = (
+        body.parameter_names.index(f"left_{n}") for n in ("shoulder_twist", "elbow_flex")
+    )
+    params[[twist, flex]] = 0.4, 0.0
+    kept, drawn = (
+        interpretation_tree(body, params, [arm], camera, rng=by).params for by in (None, rng)
+    )
+    assert np.abs(kept - params).max(axis=1).min() < 1e-6
+    own = drawn[np.abs(np.delete(drawn - params, twist, axis=1)).max(axis=1).argmin()]
+    assert abs(own[twist] - 0.4) > 0.01
+    seen = _pixels(body, camera, params, arm.joints)
+    assert_allclose(_pixels(body, camera, own, arm.joints), seen, atol=1e-6)
 
 
-def test_without_limits_the_tree_is_complete_and_a_product(body, rng):
+def test_without_limits_the_tree_is_complete_and_limits_leave_what_they_allow(body, rng):
     camera = _distant(400.0)  # nearer by, some flipped thighs leave the knees out of reach
-    free = load_model("body34")
+    free, params = load_model("body34"), _bent(body, rng)
     free.limits.interval[6:] = (-np.pi, np.pi)
-    chains = [c for c in chains_of(free) if c.name != "neck"]
-    params = _bent(body, rng)
-    tree = interpretation_tree(free, params, chains, camera)
-    assert len(tree) == 4**4
-    sizes = [len(interpretation_tree(free, params, [chain], camera)) for chain in chains]
-    assert np.prod(sizes) == len(tree)
-
-
-def test_limits_prune(body, camera, rng):
-    params = _bent(body, rng)
-    wide = load_model("body34")
-    wide.limits.interval[6:] = (-np.pi, np.pi)
     everything, kept = (
         interpretation_tree(
-            model, params, [c for c in chains_of(model) if c.name.endswith("leg")], camera
+            model, params, [c for c in chains_of(model) if c.name != "neck"], camera
         ).params
-        for model in (wide, body)
+        for model in (free, body)
     )
-    allowed = everything[within_limits(body.limits, everything)]
+    assert len(everything) == 4**4
     assert 0 < len(kept) < len(everything)
     assert within_limits(body.limits, kept).all()
     # each that is allowed, and perhaps others whose nearest angles are not
-    for leaf in allowed:
+    for leaf in everything[within_limits(body.limits, everything)]:
         assert np.abs(kept - leaf).max(axis=1).min() < 1e-7
 
 
@@ -232,14 +167,6 @@ def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
     assert len(near) > 2
     assert near.exact.sum() == 1
     assert within_limits(model.limits, near.params).all()
-
-
-def test_what_a_coupling_takes_is_not_a_fingers_own():
-    linked = chains_of(load_model("hand26", coupling="18"))[1]
-    # all four fingers spread together
-    assert linked.parameters == ("index_mcp_flex", "index_pip_flex")
-    assert linked.turns.leader.tolist() == [0, -1, 2, 2]
-    assert_allclose(linked.turns.ratio[3], 2 / 3)
 
 
 def _along(model, **direction):

@@ -1,10 +1,13 @@
-"""Eqs. 10–29 of the 2007 paper, written as they stand: every pixel, a dense Jacobian by bone twists. Plain NumPy."""
+"""The field of the 2007 paper, every pixel of it, with a dense Jacobian by bone twists. Plain NumPy: slopes are by complex steps."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from handtrack.terms.bone_system import JointSystem
+
+STEP = 1e-20
+"""so small that a function of x + i·STEP is its value plus i·STEP times its slope, to the last digit"""
 
 
 class DenseField(NamedTuple):
@@ -23,90 +26,61 @@ class DenseField(NamedTuple):
         )
 
 
-def twist_generators(reference):
-    """Return (6, 4, 4): dT = generator · T for a twist (v, ω) about `reference`."""
-    out = np.zeros((6, 4, 4))
-    for k in range(3):
-        axis = np.eye(3)[k]
-        out[k, :3, 3] = axis
-        out[3 + k, :3, :3] = np.cross(axis, np.eye(3)).T
-        out[3 + k, :3, 3] = -np.cross(axis, reference)
+def placed(rotation, position):
+    """Return (4, 4) where a rotation and a position put what they carry."""
+    return np.block([[rotation, position[:, None]], [np.zeros(3), 1.0]])
+
+
+def twisted(reference):
+    """Return (6, 4, 4) a step along each twist (v, ω) about `reference`."""
+    out = np.tile(np.eye(4, dtype=complex), (6, 1, 1))
+    for k, axis in enumerate(np.eye(3)):
+        out[k, :3, 3] += 1j * STEP * axis
+        out[3 + k, :3, :3] += 1j * STEP * np.cross(axis, np.eye(3)).T
+        out[3 + k, :3, 3] -= 1j * STEP * np.cross(axis, reference)
     return out
 
 
-def ellipsoid_conics(camera_matrix, bones, ellipsoids, e):
-    """Return C* (3, 3) of ellipsoid e and its derivatives (6, 3, 3); eqs. 10–12, 15–16, 26–29."""
-    pose, local = np.eye(4), np.eye(4)
-    bone = ellipsoids.bone[e]
-    pose[:3, :3], pose[:3, 3] = bones.rotation[bone], bones.position[bone]
-    local[:3, :3], local[:3, 3] = ellipsoids.rotation[e], ellipsoids.centre[e]
-    transform = pose @ local  # eq. 11
-    back = np.linalg.inv(transform)
-    quadric = np.diag(np.append(1 / ellipsoids.radii[e] ** 2, -1.0))  # eq. 10
-    moved = back.T @ quadric @ back  # eq. 12
-    dual = np.linalg.inv(moved)  # eq. 16
-    d_back = -back @ (twist_generators(bones.reference) @ transform) @ back  # eq. 29
-    d_moved = np.swapaxes(d_back, 1, 2) @ quadric @ back + back.T @ quadric @ d_back  # eq. 28
-    d_dual = -dual @ d_moved @ dual  # eq. 27
-    # eqs. 15, 26
-    return (camera_matrix @ dual @ camera_matrix.T, camera_matrix @ d_dual @ camera_matrix.T)
-
-
-def is_seen(conic_dual, camera_matrix, centre):
-    """Return whether the whole ellipsoid is before the camera's plane."""
-    depth = camera_matrix[2] @ np.append(centre, 1.0)
-    return depth > 0 and conic_dual[2, 2] < -1e-6 * depth**2
-
-
-def dense_field(
-    silhouettes, ellipsoids, bones, levels=None, clamp=False, depth_scaled=False, observed=None
-):
-    """Return the dense field of all valid pixels. levels: (C, E, 2) the ramp's t and s; observed: list of (H, W)."""
+def dense_field(silhouettes, ellipsoids, bones, levels=None, clamp=False, depth_scaled=False):
+    """Return the dense field of all valid pixels. levels: (C, E, 2) the ramp's t and s."""
     parts = [
-        _camera_field(s, ellipsoids, bones, None if levels is None else levels[i], clamp, depth_scaled,
-                      -s.mask.astype(float) if observed is None else observed[i])
+        _camera_field(s, ellipsoids, bones, None if levels is None else levels[i], clamp, depth_scaled)
         for i, s in enumerate(silhouettes)
     ]  # fmt: skip
     return DenseField(*(np.concatenate(p) for p in zip(*parts, strict=True)))
 
 
-def _camera_field(silhouette, ellipsoids, bones, levels, clamp, depth_scaled, observed):
-    width = silhouette.camera.size[0]
-    rows, columns = np.nonzero(
-        (np.arange(width) >= silhouette.valid[:, :1])
-        & (np.arange(width) < silhouette.valid[:, 1:])
-        & (observed <= 0)
-    )
+def _camera_field(silhouette, ellipsoids, bones, levels, clamp, depth_scaled):
+    plain, observed = silhouette.camera.projection, -silhouette.mask.astype(float)
+    columns = np.arange(silhouette.camera.size[0])
+    valid = (columns >= silhouette.valid[:, :1]) & (columns < silhouette.valid[:, 1:])
+    rows, columns = np.nonzero(valid & (observed <= 0))
     lowest = np.zeros(len(rows))  # eq. 18: 0 where no field is negative
     jacobian = np.zeros((len(rows), 6 * len(bones.position)))
-    for e in range(len(ellipsoids)):
-        bone = ellipsoids.bone[e]
-        centre = bones.position[bone] + bones.rotation[bone] @ ellipsoids.centre[e]
-        plain = silhouette.camera.projection
-        at = plain @ np.append(centre, 1.0)
+    for e, bone in enumerate(ellipsoids.bone):
+        pose = placed(bones.rotation[bone], bones.position[bone])
+        at = pose @ placed(ellipsoids.rotation[e], ellipsoids.centre[e])  # eq. 11
+        u, v, depth = plain @ at[:, 3]
         # pixels are counted from the ellipsoid's own place: the inverses below stay well conditioned
-        origin = at[:2] / at[2] if at[2] > 0 else np.zeros(2)
-        shift = np.array([[1.0, 0, -origin[0]], [0, 1, -origin[1]], [0, 0, 1]])
-        dual, d_dual = ellipsoid_conics(shift @ plain, bones, ellipsoids, e)
-        if not is_seen(dual, plain, centre):
-            continue
+        u, v = (u / depth, v / depth) if depth > 0 else (0.0, 0.0)
+        seen = (
+            np.array([[1.0, 0, -u], [0, 1, -v], [0, 0, 1]]) @ plain @ twisted(bones.reference) @ at
+        )
+        quadric = np.diag([*ellipsoids.radii[e] ** 2, -1.0])
+        dual = seen @ quadric @ seen.swapaxes(1, 2)  # eqs. 15, 16
+        if depth <= 0 or dual[0, 2, 2].real >= -1e-6 * depth**2:
+            continue  # not all of it is before the camera's plane
         conic = np.linalg.inv(dual)  # eq. 17
-        d_conic = -conic @ d_dual @ conic  # eq. 25
         if not depth_scaled:
-            d_conic = -d_dual[:, 2, 2][:, None, None] * conic - dual[2, 2] * d_conic
-            conic = -dual[2, 2] * conic
+            conic *= -dual[:, 2, 2, None, None]
         if levels is not None:
             conic = levels[e, 1] * (conic - levels[e, 0] * np.diag([0, 0, 1.0]))
-            d_conic = levels[e, 1] * d_conic
-        m = np.stack([columns - origin[0], rows - origin[1], np.ones(len(rows))], axis=1)
-        value = np.einsum("pi,ij,pj->p", m, conic, m)
-        wins = value < lowest  # eqs. 19, 23
-        lowest[wins] = value[wins]
+        m = np.stack([columns - u, rows - v, np.ones(len(rows))], axis=1)
+        value = np.einsum("pi,kij,pj->pk", m, conic, m)
+        wins = value[:, 0].real < lowest  # eqs. 19, 23
+        lowest[wins] = value[wins, 0].real
         jacobian[wins] = 0.0
-        # eq. 24
-        jacobian[wins, 6 * bone : 6 * bone + 6] = np.einsum(
-            "pi,kij,pj->pk", m[wins], d_conic, m[wins]
-        )
+        jacobian[wins, 6 * bone : 6 * bone + 6] = value[wins].imag / STEP
     if clamp:
         jacobian[lowest <= -1.0] = 0.0
         lowest = np.maximum(lowest, -1.0)

@@ -3,10 +3,11 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handtrack import Camera, Silhouette
+from handtrack import Silhouette
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import UNKNOWN
+from tests.cameras import pinhole
 from tests.derivatives import deformed
 
 BONES = 5
@@ -41,10 +42,8 @@ def parts_at(radii, places, turns=None):
 def camera_of(rng, size=(96, 72), distance=0.5, focal=110.0, name="cam"):
     """Return a camera that looks at the origin from anywhere."""
     rotation = Rotation.random(rng=rng).as_matrix()
-    matrix = np.array(
-        [[focal, 0, size[0] / 2 - 3.3], [0, 1.1 * focal, size[1] / 2 + 2.1], [0, 0, 1.0]]
-    )
-    return Camera(name, size, matrix, np.zeros(5), rotation, np.array([0.0, 0.0, distance]))
+    middle = (size[0] / 2 - 3.3, size[1] / 2 + 2.1)
+    return pinhole(name, size, (focal, 1.1 * focal), rotation, (0, 0, distance), at=middle)
 
 
 def silhouette_of(rng, camera, full=False, unknown=False):
@@ -55,25 +54,23 @@ def silhouette_of(rng, camera, full=False, unknown=False):
     width, height = camera.size
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     mask = np.zeros((height, width))
+
+    def away():
+        """Return each pixel's distance to the edge of a blob, inside positive."""
+        across, down = rng.uniform(0.3, 0.7, 2) * (width, height)
+        return rng.uniform(4, 14) - np.hypot(u - across, v - down)
+
     for _ in range(4):
-        cu, cv, r = (
-            rng.uniform(0.3, 0.7) * width,
-            rng.uniform(0.3, 0.7) * height,
-            rng.uniform(4, 14),
-        )
-        mask = np.maximum(mask, np.clip(r - np.hypot(u - cu, v - cv), 0, 1))
-    begin, end = (
-        rng.integers(0, width // 4, height),
-        rng.integers(3 * width // 4, width + 1, height),
-    )
+        mask = np.maximum(mask, np.clip(away(), 0, 1))
+    begin = rng.integers(0, width // 4, height)
+    end = rng.integers(3 * width // 4, width + 1, height)
     end[rng.random(height) < 0.1] = 0
     valid = np.stack([np.minimum(begin, end), end], axis=1)
     if full:
         valid[:] = 0, width
     if unknown:
         for _ in range(2):
-            cu, cv = rng.uniform(0.3, 0.7, 2) * (width, height)
-            mask[np.hypot(u - cu, v - cv) < rng.uniform(4, 14)] = UNKNOWN
+            mask[away() > 0] = UNKNOWN
         mask[rng.random(mask.shape) < 0.05] = UNKNOWN
     return Silhouette(camera, mask.astype(np.float32), valid.astype(np.int32))
 

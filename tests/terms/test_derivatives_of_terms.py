@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack import Camera, ImageKeypoints, Keypoints, load_model
+from handtrack import ImageKeypoints, Keypoints, load_model
 from handtrack.terms.collision import CollisionTerm, colliding_pairs
 from handtrack.terms.images.carried_texture import CarriedTextureTerm
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm
@@ -11,6 +11,7 @@ from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber, quadratic
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
+from tests.cameras import pinhole
 from tests.derivatives import check_observation_term, check_parameter_term
 from tests.terms.image_scene import edges_seen, scene, texture_seen
 from tests.terms.silhouette_scene import bones_of, ellipsoids_of, moved_along, silhouettes_of
@@ -20,16 +21,19 @@ KINKED = {"step": 1e-9, "rtol": 1e-3}
 LOSSES = [quadratic(), geman_mcclure(3.0)]
 
 
-def seen_by(rng, model, params, camera=None):
+CAMERA = pinhole("cam0", (640, 480), (500, 510), translation=(0.1, 0.0, 0.9), at=(310, 250))
+
+
+def seen_by(rng, model, params, view):
     """Return keypoints 5 mm or 3 pixels off, one of them unknown."""
     points = model.joint_positions(model.bones(params))
-    if camera is None:
+    if view == "space":
         points = points + rng.normal(scale=0.005, size=points.shape)
         points[4] = np.nan
         return Keypoints(model.joint_names, points, 0.004)
-    pixels = camera.project(points) + rng.normal(scale=3.0, size=(len(points), 2))
+    pixels = CAMERA.project(points) + rng.normal(scale=3.0, size=(len(points), 2))
     pixels[4] = np.nan
-    return ImageKeypoints(camera, model.joint_names, pixels, 2.0)
+    return ImageKeypoints(CAMERA, model.joint_names, pixels, 2.0)
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +44,6 @@ def model():
 @pytest.fixture
 def params(rng, model):
     return model.clipped(model.rest_params() + rng.normal(scale=0.2, size=len(model.rest_params())))
-
-
-@pytest.fixture
-def camera(rng) -> Camera:
-    matrix = np.array([[500.0, 0, 310], [0, 510, 250], [0, 0, 1]])
-    return Camera("cam0", (640, 480), matrix, np.zeros(5), np.eye(3), np.array([0.1, 0.0, 0.9]))
 
 
 @pytest.mark.parametrize("normalised", [True, False])
@@ -65,9 +63,8 @@ def test_coverage(rng, antisymmetric, unknown):
 
 
 @pytest.mark.parametrize(("view", "loss"), zip(("space", "image", "image"), LOSSES, strict=False))
-def test_keypoints(rng, model, params, camera, view, loss):
-    observed = seen_by(rng, model, params, camera if view == "image" else None)
-    term = KeypointTerm(model, observed, 0.7, loss)
+def test_keypoints(rng, model, params, view, loss):
+    term = KeypointTerm(model, seen_by(rng, model, params, view), 0.7, loss)
     bones = model.bones(model.clipped(params + rng.normal(scale=0.02, size=len(params))))
     check_observation_term(term, bones, model.skeleton.bone_names)
 
@@ -105,27 +102,16 @@ def test_collision(rng):
     check_observation_term(term, bones, body.skeleton.bone_names)
 
 
-def test_gaussian_prior(rng, model):
+def test_priors(rng, model):
     count = len(model.parameter_names)
-    sigma = rng.uniform(0.05, 0.5, count)
+    sigma, root = rng.uniform(0.05, 0.5, count), rng.normal(size=(count, count))
     sigma[:6] = np.inf
-    term = GaussianPrior(model.rest, sigma)
-    check_parameter_term(term, rng.normal(size=count), model.parameter_names)
-
-
-def test_linear_prior(rng, model):
-    count = len(model.parameter_names)
     rows, ratios = rng.normal(size=(2, 5, count))
     for term in (
+        GaussianPrior(model.rest, sigma),
+        CorrelatedPrior(model.rest, root @ root.T),
         LinearPrior(rows),
         LinearPrior(rows, geman_mcclure(3.0), weight=0.4),
         LinearPrior(rows, geman_mcclure(3.0), weight=0.4, ratios=ratios),
     ):
         check_parameter_term(term, rng.normal(size=count), model.parameter_names)
-
-
-def test_bell_prior(rng, model):
-    count = len(model.parameter_names)
-    root = rng.normal(size=(count, count))
-    term = CorrelatedPrior(model.rest, root @ root.T)
-    check_parameter_term(term, rng.normal(size=count), model.parameter_names)

@@ -81,30 +81,14 @@ def test_a_far_point_no_longer_pulls():
     assert robust.cost(BONES) == pytest.approx(4.5, rel=1e-3)
 
 
-CAMERA = simulated_rig(1).cameras[0].without_distortion()
-ON_BONE = (0.004, 0.02, 0.003)
-
-
-def _seen(bones, shift=(0.0, 0.0)):
-    """Return a joint and a point of a bone, pinned where they lie, or beside that."""
-    bone = HAND.skeleton.bone_names.index("index_proximal")
-    tip = HAND.joint_positions(bones)[HAND.joint_names.index("ring_tip")]
-    points = np.stack([tip, bones.to_world(np.array([bone]), np.array([ON_BONE]))[0]])
-    at = CAMERA.project(points) + shift
-    first, second = (tuple(map(float, pixel)) for pixel in at)
-    pins = Pin("cam0", first, joint="ring_tip"), Pin("cam0", second, "", "index_proximal", ON_BONE)
-    return ImagePins(CAMERA, pins)
-
-
 def test_pins_that_are_met_cost_nothing_and_a_sigma_beside_a_half_each():
-    bones = BONES
-    assert KeypointTerm(HAND, _seen(bones)).cost(bones) == pytest.approx(0.0, abs=1e-18)
-    beside = KeypointTerm(HAND, _seen(bones, (0.0, PIN_SIGMA_PX)))
-    assert beside.cost(bones) == pytest.approx(1.0)
-
-
-def test_derivatives_of_pins_at_rest_and_elsewhere(rng):
-    for params in (0.0 * HAND.rest_params(), HAND.clipped(rng.normal(scale=0.4, size=26))):
-        near = HAND.bones(HAND.clipped(params + rng.normal(scale=0.03, size=26)))
-        term = KeypointTerm(HAND, _seen(near))
-        check_observation_term(term, HAND.bones(params), HAND.skeleton.bone_names)
+    """A joint and a point of a bone, pinned where they lie, or beside that."""
+    camera, on_bone = simulated_rig(1).cameras[0].without_distortion(), (0.004, 0.02, 0.003)
+    tip = HAND.joint_positions(BONES)[HAND.joint_names.index("ring_tip")]
+    other = BONES.to_world(HAND.skeleton.bone("index_proximal"), np.array(on_bone))
+    for beside_px, cost in ((0.0, 0.0), (PIN_SIGMA_PX, 1.0)):
+        first, second = camera.project(np.stack([tip, other])) + [0.0, beside_px]
+        pins = Pin("cam0", first, "ring_tip"), Pin("cam0", second, "", "index_proximal", on_bone)
+        term = KeypointTerm(HAND, ImagePins(camera, pins))
+        assert term.cost(BONES) == pytest.approx(cost, rel=1e-6, abs=1e-18)
+    check_observation_term(term, BONES, HAND.skeleton.bone_names)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -61,6 +62,24 @@ def test_a_forearm_longer_than_the_mask_is_no_lost_part(seen):
 def test_a_hand_out_of_all_views_is_lost(seen):
     nothing = [replace(s, mask=np.zeros_like(s.mask)) for s in seen.silhouettes]
     assert assessed(replace(seen, silhouettes=tuple(nothing)), shifted(2.0))[0] == LOST
+
+
+@pytest.mark.parametrize(
+    ("angles", "rim_px", "expected"),
+    [
+        ({}, 0, Status.TRACKED),
+        ({}, 1, Status.TRACKED),
+        ({"thumb_cmc_abd": -0.7, "thumb_cmc_flex": 0.6, "thumb_ip_flex": 0.9}, 0, Status.DOUBTFUL),
+        ({"index_mcp_flex": 1.2, "index_pip_flex": 1.2, "index_dip_flex": 0.8}, 0, Status.DOUBTFUL),
+    ],
+)
+def test_a_finger_that_is_elsewhere_is_doubtful_in_a_single_frame(seen, angles, rim_px, expected):
+    pose = POSE.copy()
+    for name, angle in angles.items():
+        pose[MODEL.skeleton.parameter(name)] += angle
+    masks = [cv2.dilate(s.mask, np.ones((2 * rim_px + 1,) * 2)) for s in seen.silhouettes]
+    wide = [replace(s, mask=m) for s, m in zip(seen.silhouettes, masks, strict=True)]
+    assert assessed(replace(seen, silhouettes=tuple(wide)), MODEL.clipped(pose))[0] == expected
 
 
 def test_keypoints_alone_are_doubtful():
