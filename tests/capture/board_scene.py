@@ -5,26 +5,19 @@ import numpy as np
 
 from handtrack import Camera, CameraRig
 from handtrack.capture.calibration.boards import Board, CharucoBoard, draw_board, page_size_mm
-from handtrack.geometry.rotation import rotation_matrix
+from handtrack.geometry.rotation import looking_along, rotation_matrix
+from tests.cameras import pinhole
 
 _PER_MM = 4.0
 
 
 def looking_at(name, size, focal, centre, target, distortions=(0, 0, 0, 0, 0)) -> Camera:
     """Return a camera at `centre` looking at `target`, world y down."""
-    forward = np.array(target, float) - centre
-    forward /= np.linalg.norm(forward)
-    right = np.cross([0.0, 1.0, 0.0], forward)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    matrix = np.array([[focal, 0, size[0] / 2 + 3], [0, focal * 1.004, size[1] / 2 - 5], [0, 0, 1]])
-    return Camera(
-        name,
-        size,
-        matrix,
-        np.array(distortions, float),
-        rotation,
-        -rotation @ np.array(centre, float),
+    forward = np.subtract(target, centre)
+    rotation = looking_along(forward / np.linalg.norm(forward), np.array([0.0, 1.0, 0.0]))
+    at = size[0] / 2 + 3, size[1] / 2 - 5
+    return pinhole(
+        name, size, (focal, 1.004 * focal), rotation, -rotation @ centre, distortions, at
     )
 
 

@@ -5,13 +5,15 @@ where no point can be missing, 50 in their place; `samples/bodies` the person of
 """
 
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from handtrack import Camera, CameraRig
-from handtrack.arrays import D3, D21, F, Floats
+from handtrack.arrays import D3, D21, Array, F, Floats
 from handtrack.geometry.rotation import rotation_matrix
 
 SAMPLES = Path(__file__).parent / "samples"
@@ -33,6 +35,15 @@ def sample(form: str, folder: Path) -> list[Path]:
         pytest.importorskip(library)
     shutil.copytree(SAMPLES / form, folder, dirs_exist_ok=True)
     return [folder / path.name for path in sorted((SAMPLES / form).iterdir())]
+
+
+def filmed(path: Path, pictures: Iterable[Array], code: str = "MJPG", fps: float = 30.0) -> Path:
+    """Write a video of pictures (48, 64, 3)."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), fps, (64, 48))
+    for picture in pictures:
+        writer.write(picture)
+    writer.release()
+    return path
 
 
 def rig_of_two() -> CameraRig:

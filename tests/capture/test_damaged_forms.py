@@ -16,7 +16,7 @@ from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.session.formats.imported_truth import import_truth
-from tests.capture.sample_files import forms, sample
+from tests.capture.sample_files import filmed, forms, sample
 
 _TIMES = 12
 _PIECES = [
@@ -41,26 +41,16 @@ def damaged(data: bytes, rng: np.random.Generator) -> bytes:
     """Return bytes with some changed, taken out, put in or repeated, or the end cut off."""
     for _ in range(rng.choice([1, 1, 2, 5])):
         at = int(rng.integers(max(len(data), 1)))
-        end = at + int(rng.choice([1, 3, 20, 200]))
-        piece = [
-            bytes([rng.integers(256)]),
-            _PIECES[rng.integers(len(_PIECES))],
-            data[at:end] * 2,
-            b"",
-        ][rng.integers(4)]
-        data = (
-            data[:at] + piece + data[[at, at + 1, end][rng.integers(3)] :]
-            if rng.random() < 0.9
-            else data[:at]
-        )
+        end = at + int(rng.choice([0, 1, 3, 20, 200]))
+        pieces = bytes([rng.integers(256)]), rng.choice(_PIECES), data[at:end] * 2, b""
+        rest = data[end:] if rng.random() < 0.9 else b""
+        data = data[:at] + pieces[rng.integers(4)] + rest
     return data
 
 
 def survives(paths: Sequence[Path], read: Callable[[], object]) -> None:
     rng = np.random.default_rng(7)
-    files = [
-        file for path in paths for file in ([path] if path.is_file() else sorted(path.rglob("*")))
-    ]
+    files = [file for path in paths for file in (path, *sorted(path.rglob("*"))) if file.is_file()]
     for _ in range(_TIMES):
         file = files[rng.integers(len(files))]
         whole = file.read_bytes()
@@ -118,11 +108,7 @@ PLAYLISTS = {
 
 
 def write_video(path: Path, code: str = "mp4v") -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 30.0, (64, 48))
-    for grey in range(5):
-        writer.write(np.full((48, 64, 3), grey * 40, np.uint8))
-    writer.release()
-    return path
+    return filmed(path, (np.full((48, 64, 3), 40 * n, np.uint8) for n in range(5)), code)
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """Frames: numbered files, videos, raw mosaics, and images that are cut off."""
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -20,19 +20,18 @@ from handtrack.capture.images.raw_frames import (
     level_line_green,
 )
 from handtrack.capture.images.video import VideoFile
-from tests.capture.level_line_reference import level_line_value
 from tests.capture.mosaics import mosaic_of
+from tests.capture.sample_files import filmed
 
 
-def picture(value: int, dtype: type = np.uint8) -> np.ndarray:
-    return np.full((48, 64), value, dtype)
+def written(folder: Path, images: Mapping[str, np.ndarray]) -> list[Path]:
+    for name, image in images.items():
+        cv2.imwrite(str(folder / name), image)
+    return [folder / name for name in images]
 
 
-def folder_of(folder: Path, names: list[str]) -> list[Path]:
-    paths = [folder / name for name in names]
-    for path in paths:
-        cv2.imwrite(str(path), picture(200 + frame_number(path.name)))
-    return paths
+def picture(value: int) -> np.ndarray:
+    return np.full((48, 64), value, np.uint8)
 
 
 @pytest.mark.parametrize(
@@ -44,25 +43,24 @@ def test_the_frame_is_the_last_group_of_digits(name, frame):
 
 
 def test_gaps_are_misses_and_shift_nothing(tmp_path):
-    source = ImageFiles(folder_of(tmp_path, ["f2.png", "f10.png", "f3.png"]), MASK)
+    files = written(tmp_path, {f"f{n}.png": picture(200 + n) for n in (2, 10, 3)})
+    source = ImageFiles(files, MASK)
     assert source.frames == range(11)
     assert [frame for frame in source.frames if source.has(frame)] == [2, 3, 10]
     assert source.size == (64, 48)
-    image = source.read(10)
-    assert image is not None
-    assert (image == 210).all()
+    assert (source.read(10) == 210).all()
     assert source.read(4) is None
     assert source.read(99) is None
     assert source.warnings == ()
 
 
 def test_kinds_have_their_shapes(tmp_path):
-    paths = folder_of(tmp_path, ["5.png"])
+    paths = written(tmp_path, {"5.png": picture(205)})
     colour, mask = ImageFiles(paths).read(5), ImageFiles(paths, MASK).read(5)
     assert colour.shape == (48, 64, 3)
     assert mask.shape == (48, 64)
-    cv2.imwrite(str(tmp_path / "d1.png"), picture(40000, np.uint16))
-    depth = ImageFiles([tmp_path / "d1.png"], DEPTH).read(1)
+    deep = written(tmp_path, {"d1.png": np.full((48, 64), 40000, np.uint16)})
+    depth = ImageFiles(deep, DEPTH).read(1)
     assert depth.dtype == np.uint16
     assert (depth == 40000).all()
     with pytest.raises(HandtrackError, match=r"depth must be one channel of 16 bits; found uint8"):
@@ -72,8 +70,8 @@ def test_kinds_have_their_shapes(tmp_path):
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
 @pytest.mark.parametrize("damage", ["cut", "empty", "text"])
 def test_unreadable_files_are_misses_with_a_warning(suffix, damage, tmp_path, rng):
-    path = tmp_path / f"3{suffix}"
-    cv2.imwrite(str(path), rng.integers(0, 255, (48, 64, 3), dtype=np.uint8))
+    noise = rng.integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    (path,) = written(tmp_path, {f"3{suffix}": noise})
     whole = path.read_bytes()
     path.write_bytes({"cut": whole[: len(whole) * 2 // 3], "empty": b"", "text": b"hello"}[damage])
     source = ImageFiles([path])
@@ -98,9 +96,8 @@ ALPHA = np.dstack([HAND * 0] * 3 + [HAND])
     ids=["16 bits", "ones", "dim", "in the alpha channel"],
 )
 def test_what_only_looks_like_a_mask_is_refused(image, expected, tmp_path):
-    cv2.imwrite(str(tmp_path / "0.png"), image)
     with pytest.raises(HandtrackError, match=expected):
-        ImageFiles([tmp_path / "0.png"], MASK).read(0)
+        ImageFiles(written(tmp_path, {"0.png": image}), MASK).read(0)
 
 
 FRAMES = 90
@@ -111,14 +108,6 @@ def striped(frame: int) -> np.ndarray:
     bits = [(frame >> bit) & 1 for bit in range(8)]
     stripes = np.repeat(np.array(bits, np.uint8) * 255, 8)
     return np.broadcast_to(stripes[None, :, None], (48, 64, 3)).copy()
-
-
-def filmed(path: Path, pictures: Iterable[np.ndarray], code: str = "MJPG") -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 30.0, (64, 48))
-    for picture in pictures:
-        writer.write(picture)
-    writer.release()
-    return path
 
 
 @pytest.fixture
@@ -198,15 +187,10 @@ def raw_picture(level: float = 1.0) -> np.ndarray:
     return (level * np.stack(channels, axis=-1)).astype(np.uint8)
 
 
-def written(folder: Path, images: list[np.ndarray]) -> list[Path]:
-    for frame, image in enumerate(images):
-        cv2.imwrite(str(folder / f"{frame:03d}.png"), image)
-    return sorted(folder.glob("*.png"))
-
-
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_eight_bits_come_back_in_colour(pattern, tmp_path):
-    source = MosaicFiles(written(tmp_path, [mosaic_of(raw_picture(), pattern)]), pattern)
+    files = written(tmp_path, {"0.png": mosaic_of(raw_picture(), pattern)})
+    source = MosaicFiles(files, pattern)
     off = source.read(0)[4:-4, 4:-4].astype(int) - raw_picture()[4:-4, 4:-4]
     assert np.abs(off).max() <= 3
     assert source.size == (64, 48)
@@ -215,8 +199,8 @@ def test_eight_bits_come_back_in_colour(pattern, tmp_path):
 
 def test_sixteen_bits_have_one_white_level_for_all_frames(tmp_path):
     """Twelve bits in sixteen; the second frame is half as bright, and stays so."""
-    images = [mosaic_of(raw_picture(level), "RGGB").astype(np.uint16) * 16 for level in (1.0, 0.5)]
-    files = written(tmp_path, images)
+    full, half = (mosaic_of(raw_picture(n), "RGGB").astype(np.uint16) * 16 for n in (1.0, 0.5))
+    files = written(tmp_path, {"0.png": full, "1.png": half})
     bright, dark = (MosaicFiles(files, "RGGB").read(frame) for frame in (0, 1))
     assert bright.dtype == np.uint8
     assert 250 <= bright.max() <= 255
@@ -226,21 +210,12 @@ def test_sixteen_bits_have_one_white_level_for_all_frames(tmp_path):
 
 
 KINDS = [".png", ".jpg", ".bmp", ".tif", ".webp", ".ppm", ".pgm", ".jp2"]
-WIDTH, HEIGHT = 300, 200
-
-
-def encoded(kind: str, *options: int) -> bytes:
-    shape = (HEIGHT, WIDTH) if kind == ".pgm" else (HEIGHT, WIDTH, 3)
-    picture = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
-    done, data = cv2.imencode(kind, picture, options)
-    assert done
-    return data.tobytes()
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_c15_an_image_larger_than_its_camera_is_not_unpacked(kind, tmp_path, monkeypatch):
-    (tmp_path / f"0{kind}").write_bytes(encoded(kind))
-    files = ImageFiles([tmp_path / f"0{kind}"], expected_size=(299, 200))
+def test_c15_an_image_larger_than_its_camera_is_not_unpacked(kind, tmp_path, monkeypatch, rng):
+    noise = rng.integers(0, 255, (200, 300) if kind == ".pgm" else (200, 300, 3), np.uint8)
+    files = ImageFiles(written(tmp_path, {f"0{kind}": noise}), expected_size=(299, 200))
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was unpacked"))
     with pytest.raises(
         HandtrackError, match="300 x 200, but the camera is calibrated for 299 x 200"
@@ -248,13 +223,14 @@ def test_c15_an_image_larger_than_its_camera_is_not_unpacked(kind, tmp_path, mon
         files.read(0)
 
 
-def test_the_closed_form_is_the_paper_s_rule(rng):
+def test_the_closed_form_is_the_rule_for_any_place_in_the_middle(rng):
     """At a pixel without green, from its four neighbours: left, above, below, right."""
     mosaic = rng.integers(0, 4095, (20, 26)).astype(float)
     green = level_line_green(mosaic, "RGGB")
     for row, column in ((2, 2), (3, 5), (10, 12), (17, 23)):  # red or blue
-        around = (mosaic[row + v, column + u] for v, u in ((0, -1), (-1, 0), (1, 0), (0, 1)))
-        assert green[row, column] == pytest.approx(float(level_line_value(*around, 0.0, 0.0)))
+        around = [mosaic[row + v, column + u] for v, u in ((0, -1), (-1, 0), (1, 0), (0, 1))]
+        middle = level_line_at(np.reshape(around, (2, 2)), *np.full((2, 1), 0.5))
+        assert green[row, column] == pytest.approx(middle[0])
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -271,13 +247,26 @@ def test_the_picture_stays_where_it_was(pattern, method):
     assert off[far].max() <= 1
 
 
-def test_at_any_place_it_is_the_paper_s_rule(rng):
-    image = rng.integers(0, 255, (12, 15)).astype(np.uint8)
-    image[:4, :4] = 90  # flat: no line is the level line
-    x, y = rng.uniform(0, 14, (5, 40)), rng.uniform(0, 11, (5, 40))
-    column, row = np.floor(x).astype(int), np.floor(y).astype(int)
-    corners = (image[row + v, column + u].astype(float) for v in (0, 1) for u in (0, 1))
-    expected = level_line_value(*corners, 2 * (x - column) - 1, 2 * (y - row) - 1)
-    found = level_line_at(np.stack([image, 255 - image], axis=-1), x, y)
-    np.testing.assert_allclose(found[..., 0], expected, atol=1e-9)
-    np.testing.assert_allclose(found[..., 1], 255 - expected, atol=1e-9)
+# a square's corners 0 1 / 2 7; its gradient is (6, 8), so the level line through (¼, ½) goes from 1.375 at (0, 11/16) to 11/12 at
+# (11/12, 0), of which the point is 3/11 away from the first
+SQUARE = [[0, 1], [2, 7]]
+
+
+@pytest.mark.parametrize(
+    ("square", "x", "y", "value"),
+    [
+        (SQUARE, 0.25, 0.5, 1.25),
+        (SQUARE, 0.5, 0.25, 1.0),
+        (SQUARE, 1.0, 0.5, 4.0),
+        (SQUARE, 0.5, 1.0, 4.5),
+        ([[90, 90], [90, 90]], 0.3, 0.6, 90.0),
+        ([[0, 10], [20, 30]], 0.3, 0.6, 15.0),
+    ],
+    ids=["inside", "across the other corner", "right side", "lower side", "flat", "slope"],
+)
+def test_at_any_place_it_is_the_paper_s_rule(square, x, y, value):
+    """The level line through a point is cut with the sides, both ends are interpolated there, and the point between the ends."""
+    image = np.zeros((4, 5, 2))
+    image[1:3, 2:4, 0], image[1:3, 2:4, 1] = square, np.subtract(100, square)
+    found = level_line_at(image, np.array([2.0 + x]), np.array([1.0 + y]))
+    np.testing.assert_allclose(found, [[value, 100 - value]], atol=1e-9)

@@ -8,6 +8,7 @@ import pytest
 
 from handtrack import HandtrackError, Session
 from handtrack.session.sources.video_audits import keep_audits
+from tests.capture.sample_files import filmed as video_of
 from tests.session.small_session import edit, make_session, write_init
 
 COUNT = 12
@@ -106,10 +107,8 @@ def filmed(tmp_path: Path) -> Path:
 
 
 def write_video(path: Path, frames: int = FRAMES) -> None:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
-    for frame in range(frames):
-        writer.write(np.full((48, 64, 3), 5 * frame, np.uint8))
-    writer.release()
+    pictures = (np.full((48, 64, 3), 5 * frame, np.uint8) for frame in range(frames))
+    video_of(path, pictures, fps=10.0)
 
 
 def cut(path: Path) -> None:
