@@ -91,35 +91,29 @@ def hand_side(mask: np.ndarray, cut: list, inside: np.ndarray) -> np.ndarray:
 
 
 def compare(track: TrackResult, session: Session) -> dict[str, object]:
-    """Return errors (pixels) of landmarks and overlaps (IoU) of the hand, by frame and together."""
+    """Return errors (pixels) of landmarks and overlaps (IoU) of the hand, of all frames together."""
     model = model_of(track)
     hand = model.flesh["fine"]
     if model.has_forearm:
         hand = hand.subset(hand.bone != model.skeleton.bone("forearm"))
     rows = {int(frame): i for i, frame in enumerate(track.frame)}
     rays = {camera.name: pixel_rays(camera) for camera in session.rig.cameras}
-    outlined = {}
-    for frame, views in read_outlines().items():
-        if frame in rows:
-            bones = model.bones(model.transform.solver_params(track.parameters[rows[frame]]))
-            flesh = model.flesh["fine"].posed(bones)  # with its forearm: both are cut at the wrist
-            for name, polygon in views.items():
-                seen = render_mask(session.rig[name], flesh, rays[name]) > 0
-                outlined[frame, name] = drawn_overlap(seen, polygon)
-    errors, overlaps, per_frame = [], [], {}
+    errors, overlaps, outlined = [], [], []
     names = [str(name) for name in track.joint_names]
-    for frame, views in read_marks().items():
-        if frame not in rows:
-            continue
-        i = rows[frame]
+    marked, drawn_by_eye = read_marks(), read_outlines()
+    for frame, i in rows.items():
         bones = model.bones(model.transform.solver_params(track.parameters[i]))
-        here, shares = {}, []
+        for name, polygon in drawn_by_eye.get(frame, {}).items():
+            flesh = model.flesh["fine"].posed(bones)  # with its forearm: both are cut at the wrist
+            seen = render_mask(session.rig[name], flesh, rays[name]) > 0
+            outlined.append(drawn_overlap(seen, polygon))
+        views = marked.get(frame, {})
         for camera in session.rig.cameras:
             marks = dict(views.get(camera.name, {}))
             cut = marks.pop("wrist_cut", None)
             for name, (x, y, *_) in marks.items():
                 seen = camera.project(track.joint_positions[i, names.index(name)])
-                here[f"{camera.name} {name}"] = float(np.hypot(*(seen - (x, y))))
+                errors.append(float(np.hypot(*(seen - (x, y)))))
             mask, unknown = session.mask(camera.name, frame), session.view(camera.name).unknown
             if cut is None or mask is None or not marks:
                 continue
@@ -128,10 +122,7 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
             predicted = hand_side(
                 render_mask(camera, hand.posed(bones), rays[camera.name]) > 0, cut, middle
             )
-            shares.append((observed & predicted).sum() / max((observed | predicted).sum(), 1))
-        per_frame[frame] = (here, shares)
-        errors += here.values()
-        overlaps += shares
+            overlaps.append((observed & predicted).sum() / max((observed | predicted).sum(), 1))
     return {
         "landmarks": len(errors),
         "median_px": float(np.median(errors)),
@@ -140,10 +131,8 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
         "iou_mean": float(np.mean(overlaps)),
         "iou_median": float(np.median(overlaps)),
         "iou_least": float(np.min(overlaps)),
-        "drawn_iou_mean": float(np.mean(list(outlined.values()) or [np.nan])),
-        "drawn_iou_least": float(np.min(list(outlined.values()) or [np.nan])),
-        "drawn": outlined,
-        "frames": per_frame,
+        "drawn_iou_mean": float(np.mean(outlined or [np.nan])),
+        "drawn_iou_least": float(np.min(outlined or [np.nan])),
     }
 
 
@@ -152,7 +141,7 @@ def main() -> None:
     poses, *other = (word for word in sys.argv[1:] if word != "--json")
     session = Session.open(other[0] if other else data / "sessions" / "desk_two_view")
     figures = mask_figures(session) if poses == "-" else compare(read_npz(Path(poses)), session)
-    print(json.dumps({name: n for name, n in figures.items() if not isinstance(n, dict)}))
+    print(json.dumps(figures))
 
 
 if __name__ == "__main__":

@@ -81,21 +81,11 @@ def test_a_palms_region_by_hand():
     assert region.to_image(np.array([0.5, 0.0])) == pytest.approx([56.0, 50.0])
 
 
-def hand_pointing(direction):
-    """Return 21 points: fingers of 40 px beside one another, from a wrist at (100, 100)."""
-    up = np.array(direction, float)
-    right = np.array([-up[1], up[0]])
-    points = [np.zeros(2)]
-    for finger in range(5):
-        points += [right * 10 * (finger - 2) + up * (20 + 10 * k) for k in range(4)]
-    return np.array(points) + 100.0
-
-
 @pytest.mark.parametrize("angle", [0.3, 2.0, -1.2])
 def test_a_hands_region_turns_with_it(angle):
     cos, sin = np.cos(angle), np.sin(angle)
     turning = np.array([[cos, -sin], [sin, cos]])
-    straight = hand_pointing((0, -1))
+    straight = hand_at(100, 100).points
     before, after = region_of_hand(straight), region_of_hand((straight - 100) @ turning.T + 100)
     assert after.side == pytest.approx(before.side)
     assert after.centre == pytest.approx(turning @ (before.centre - 100) + 100)
@@ -154,7 +144,7 @@ CAMERAS = {name: camera(name, angle) for name, angle in (("a", 0.0), ("b", 0.6),
 
 def seen(name: str, place: np.ndarray, right: float = 0.99, noise: float = 1.0) -> HandObservation:
     rng = np.random.default_rng(5)
-    points = keypoints() * [1, 1, 1] + [[0, 0, 0.002 * i] for i in range(21)]
+    points = keypoints() + [[0, 0, 0.002 * i] for i in range(21)]
     pixels = CAMERAS[name].project(points + place) + noise * rng.normal(size=(21, 2))
     return HandObservation(
         CAMERAS[name], DetectedHand(pixels, 0.9, right), log_odds(right, "right")

@@ -1,7 +1,7 @@
 """Measures with known answers."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,20 +11,17 @@ from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg, flexion_erro
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import scale_table
+from handtrack.session.formats.truth import Truth
 from tests.export.sequences import sample_sequence
 from tests.sample_track import sample_frame, sample_track, stacked
 
 
-@dataclass
-class Truth:
-    frame: np.ndarray
-    keypoints21: np.ndarray | None = None
-    joint_names: tuple[str, ...] = ()
-    joint_positions: np.ndarray | None = None
+def of_points(frame, points) -> Truth:
+    return Truth(frame, None, points, (), None)
 
 
 def truth_of(track, offset=(0.0, 0.0, 0.0)) -> Truth:
-    return Truth(track.frame.copy(), track.keypoints21 + np.asarray(offset))
+    return of_points(track.frame.copy(), track.keypoints21 + np.asarray(offset))
 
 
 def moved(track, points):
@@ -34,7 +31,7 @@ def moved(track, points):
 def test_a_perfect_track(rng):
     track = sample_track(rng)
     turned = 1.7 * track.keypoints21 @ rotation_matrix(np.array([0.3, -2.0, 1.0])).T + [1, 2, 3]
-    found = evaluate(track, Truth(track.frame, turned))
+    found = evaluate(track, of_points(track.frame, turned))
     assert found["pa_mpjpe_mm"] == pytest.approx(0, abs=1e-9)
     found = evaluate(track, truth_of(track))
     assert found["mpjpe_mm"] == found["max_mm"] == found["fingertip_mm"] == 0
@@ -64,7 +61,7 @@ def test_wrong_frames_are_so_beside_constant_offsets_and_counted_with_their_conf
         points[20] += 0.04 if n in (3, 4) else 0.0
         status = Status.DOUBTFUL if n in (4, 7) else Status.TRACKED
         frames.append(replace(first, frame=n, keypoints21=points, status=status))
-    found = evaluate(stacked(frames), Truth(np.arange(9), truth))
+    found = evaluate(stacked(frames), of_points(np.arange(9), truth))
     assert found["wrong_frames"] == 2
     assert found["low_confidence_frames"] == 2
     assert found["wrong_low_confidence_frames"] == 1
@@ -75,16 +72,16 @@ def test_constant_offsets_come_from_the_other_half_of_the_frames():
     model, track = sample_sequence("right")
     seen = replace(model.scale, offsets_mm={"index_mcp": (0.0, 0.0, 8.0 / model.scale.overall)})
     theirs = replace(track, scale=json.dumps(scale_table(seen))).landmarks
-    found = evaluate(track, Truth(track.frame, theirs))
+    found = evaluate(track, of_points(track.frame, theirs))
     assert found["position_index_mcp_mm"] == pytest.approx(8.0)
     assert found["mpjpe_mm"] == pytest.approx(8.0 / 21)
     assert found["offset_free_mm"] == pytest.approx(0.0, abs=1e-9)
     later = theirs.copy()
     later[len(later) // 2 :, 0] = np.nan
-    assert evaluate(track, Truth(track.frame, later))["position_wrist_offset_free_mm"] is None
+    assert evaluate(track, of_points(track.frame, later))["position_wrist_offset_free_mm"] is None
     root = track.T_world_bone[len(later) // 2 :, 0, :3, :3]
     later[len(later) // 2 :, 0] = theirs[len(later) // 2 :, 0] + 0.005 * root[:, :, 1]
-    found = evaluate(track, Truth(track.frame, later))
+    found = evaluate(track, of_points(track.frame, later))
     assert found["position_wrist_mm"] == pytest.approx(2.5)
     assert found["position_wrist_offset_free_mm"] == pytest.approx(5.0)
     assert found["offset_free_mm"] == pytest.approx(5.0 / 21)
@@ -163,7 +160,7 @@ def test_joints_of_equal_name_are_compared(rng):
         ],
         axis=1,
     )
-    found = evaluate(track, Truth(track.frame, None, names, joints))
+    found = evaluate(track, Truth(track.frame, None, None, names, joints))
     assert found["mpjpe_mm"] == pytest.approx(5.0)
     assert found["fingertip_mm"] == pytest.approx(0.0)
     assert found["pa_mpjpe_mm"] is None  # two points fit any two
@@ -186,7 +183,7 @@ def test_coverage_of_errors_that_follow_their_covariance(rng):
     spread = root @ np.swapaxes(root, 2, 3)
     error = np.einsum("fjab,fjb->fja", root, rng.normal(size=(200, 21, 3)))
     honest = replace(track, joint_covariance=spread)
-    truth = Truth(track.frame, track.keypoints21 + error)
+    truth = of_points(track.frame, track.keypoints21 + error)
     assert evaluate(honest, truth)["coverage90"] == pytest.approx(0.9, abs=0.015)
     boasting = replace(track, joint_covariance=spread / 9)
     assert evaluate(boasting, truth)["coverage90"] < 0.5

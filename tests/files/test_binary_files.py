@@ -63,17 +63,17 @@ def damaged(path: Path) -> None:
     path.write_bytes(content)
 
 
-def of_member(path: Path, content: bytes) -> None:
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("points.npy", content)
+def zipped(path: Path, *members: bytes) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for number, content in enumerate(members):
+            archive.writestr(f"points{number}.npy", content)
 
 
-def announcing(path: Path, shape: tuple[int, ...]) -> None:
-    head = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        head, {"descr": "<f8", "fortran_order": False, "shape": shape}
-    )
-    of_member(path, head.getvalue())
+def announced(*shape: int) -> bytes:
+    """Return what stands before the numbers of an array."""
+    head, told = io.BytesIO(), {"descr": "<f8", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(head, told)
+    return head.getvalue()
 
 
 def single_array() -> bytes:
@@ -100,11 +100,11 @@ NONE: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda p: np.savez(p, points=np.array([{}], object)),
         "Object arrays cannot be loaded",
     ),
-    "no array in it": (lambda p: of_member(p, b"hello"), "not a readable .npz of plain arrays"),
-    "fewer than announced": (lambda p: announcing(p, (9, 3)), "`points` is cut off"),
+    "no array in it": (lambda p: zipped(p, b"hello"), "not a readable .npz of plain arrays"),
+    "fewer than announced": (lambda p: zipped(p, announced(9, 3)), "`points0` is cut off"),
     "more than any memory": (
-        lambda p: announcing(p, (10**14, 3)),
-        "`points` would take 2400000 GB of memory",
+        lambda p: zipped(p, announced(10**14, 3)),
+        "`points0` would take 2400000 GB of memory",
     ),
 }
 
@@ -118,12 +118,6 @@ def test_files_that_are_no_plain_arrays(case, tmp_path):
         read_arrays(path)
     assert str(caught.value).startswith(str(path))
     assert words in str(caught.value)
-
-
-def packed(path: Path, *members: bytes) -> None:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        for number, content in enumerate(members):
-            archive.writestr(f"points{number}.npy", content)
 
 
 def refused_unread(path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
@@ -145,16 +139,12 @@ def refused_unread(path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_c50_bytes_behind_an_array_are_not_unpacked(tmp_path, monkeypatch):
     path = tmp_path / "x.npz"
-    packed(path, single_array() + bytes(10_000_000))
+    zipped(path, single_array() + bytes(10_000_000))
     assert "`points0` holds more bytes than its shape (3,)" in refused_unread(path, monkeypatch)
 
 
 def test_c50_a_small_file_that_would_fill_the_memory_is_not_unpacked(tmp_path, monkeypatch):
     monkeypatch.setattr("handtrack.files.npz_files._SMALL_BYTES", 1 << 20)
-    head = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        head, {"descr": "<f8", "fortran_order": False, "shape": (100_000,)}
-    )
     path = tmp_path / "x.npz"
-    packed(path, *[head.getvalue() + bytes(800_000)] * 10)
+    zipped(path, *[announced(100_000) + bytes(800_000)] * 10)
     assert "GB of memory; expected at most 100 times its size" in refused_unread(path, monkeypatch)

@@ -50,7 +50,7 @@ def opening(folder, of, frames, forearm=False):
     """Write the first frames of a slow motion before three small cameras."""
     model = load_model(forearm=forearm)
     joint = motion(model, "open_fist_open", of, np.random.default_rng(0))[:frames]
-    what = Simulation(size=(320, 240), images=False)
+    what = Simulation(size=(160, 120), images=False)
     return simulate(folder, what, known=CustomMotion("opening", model, joint, 0.0))
 
 

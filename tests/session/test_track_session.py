@@ -1,8 +1,6 @@
 """One tracking for all clients: events, fixed poses, cancelling, resuming."""
 
 import re
-import shutil
-from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
@@ -17,27 +15,12 @@ from handtrack import (
     track_session,
 )
 from handtrack.arrays import Floats
-from handtrack.session.track_session import Ended, SizeFitted, tracking_segments
+from handtrack.session.track_session import SizeFitted, tracking_segments
 from tests.app.command_line import small_recording
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return small_recording(tmp_path_factory.mktemp("tracked") / "session")
-
-
-@pytest.fixture
-def folder(recording: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(recording, tmp_path / "session"))
-
-
-def ended(events: object) -> Ended:
-    *_, last = events  # pyright: ignore[reportGeneralTypeIssues]
-    assert isinstance(last, Ended)
-    return last
-
-
-def test_a_hand_that_was_sized_on_opening_is_not_sized_again(folder):
+def test_a_hand_that_was_sized_on_opening_is_not_sized_again(tmp_path):
+    folder = small_recording(tmp_path / "session")
     file = folder / "session.toml"
     file.write_text(re.sub(r"scale = .*", 'scale = "fit"', file.read_text()))
     session = Session.open(folder)
