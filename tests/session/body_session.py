@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.images.openpose import LAYOUTS, write_points
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.simulation.motion import motion as named_motion
-from tests.cameras import FACING, pinhole
+from tests.cameras import FACING, pinhole, turned
 
 LAYOUT = LAYOUTS["body_25b"]
 FPS = 25.0
@@ -57,9 +57,8 @@ def film(
     joint = named_motion(model, motion, frames, rng)
     poses = np.array([model.clipped(model.transform.solver_params(row)) for row in joint])
     rig = CameraRig(tuple(_camera(k) for k in range(cameras)))
-    off = np.zeros(cameras)
-    off[: len(turned_deg)] = np.deg2rad(turned_deg)
-    said = (replace(c, rotation=rotation_matrix(np.r_[0, a, 0]) @ c.rotation, translation=rotation_matrix(np.r_[0, a, 0]) @ c.translation) for c, a in zip(rig.cameras, off, strict=True))  # fmt: skip
+    off = [*turned_deg, *[0.0] * cameras]
+    said = (turned(camera, 0.0, angle, 0.0) for camera, angle in zip(rig, off))
     folder.mkdir(parents=True)
     write_rig(folder / "calibration.toml", CameraRig(tuple(said)))
     table = {"model": "body34", **(hand or {})}

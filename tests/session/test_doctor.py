@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +13,6 @@ import pytest
 from handtrack import Camera, CameraRig, Session, TrackingRun, bundled_session, load_model
 from handtrack.arrays import Floats
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.geometry.rotation import rotation_matrix
 from handtrack.session.doctor import check_hand
 from handtrack.session.doctor.check_joints import check_joints
 from handtrack.session.doctor.check_outlines import check_outlines
@@ -22,9 +22,8 @@ from handtrack.session.doctor.examine import examine, examine_start
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.session_file import HandSettings
-from handtrack.simulation.motion import MOTIONS
-from handtrack.simulation.simulate import Simulation, simulate
-from tests.cameras import pinhole
+from handtrack.simulation.simulate import Simulation, simulate, simulated_rig
+from tests.cameras import turned
 from tests.session.small_session import (
     add_joints,
     add_seen,
@@ -244,15 +243,6 @@ def test_c28_exchanged_cameras_are_named():
 
 FRAMES, NOISE_PX = 30, 1.5
 SIZE = (640, 480)
-DISTORTION = [-0.25, 0.12, 0.0, 0.0, 0.4]
-
-
-def camera(name: str, degrees: float, tilt: float = 15.0) -> Camera:
-    """A camera that looks at the hand, 50 cm away, from the side by so many degrees."""
-    turn = rotation_matrix(np.deg2rad([tilt, 0.0, 0.0])) @ rotation_matrix(
-        np.deg2rad([0.0, degrees, 0.0])
-    )
-    return pinhole(name, SIZE, 600, turn, (0, 0, 0.5), DISTORTION, (320, 240))
 
 
 def moving_hand() -> Floats:
@@ -289,58 +279,44 @@ class Recording:
         return list(check_joints(Session.open(folder)))
 
 
-def recorded(degrees: tuple[float, ...] = (-35.0, 10.0, 50.0)) -> Recording:
-    rng = np.random.default_rng(5)
-    tilts = (15.0, 25.0, -10.0)
-    cameras = {f"cam{i}": camera(f"cam{i}", d, tilts[i]) for i, d in enumerate(degrees)}
-    hand = moving_hand()
-    pixels = {
-        name: one.project(hand) + rng.normal(0, NOISE_PX, (*hand.shape[:2], 2))
-        for name, one in cameras.items()
-    }
-    return Recording(cameras, pixels)
+def recorded(cameras: int = 3) -> Recording:
+    rng, rig, hand = (
+        np.random.default_rng(5),
+        simulated_rig(cameras, SIZE, 0.5, True),
+        moving_hand(),
+    )
+    noise = rng.normal(0, NOISE_PX, (cameras, *hand.shape[:2], 2))
+    pixels = {c.name: c.project(hand) + off for c, off in zip(rig, noise, strict=True)}
+    return Recording({camera.name: camera for camera in rig}, pixels)
 
 
-def turned_round(it: Recording) -> None:
-    for name, one in it.cameras.items():
-        turn = one.rotation.T
-        it.cameras[name] = replace(one, rotation=turn, translation=-turn @ one.translation)
+def changed(change: Callable[[Camera], dict[str, Any]], *names: str) -> Callable[[Recording], None]:
+    """Return what says something else of some cameras, or of all."""
+
+    def say(it: Recording) -> None:
+        for name in names or it.cameras:
+            it.cameras[name] = replace(it.cameras[name], **change(it.cameras[name]))
+
+    return say
+
+
+def seen(name: str, change: Callable[[Recording], Floats]) -> Callable[[Recording], None]:
+    """Return what lets a camera see something else."""
+    return lambda it: it.pixels.update({name: change(it)})
 
 
 def exchanged(it: Recording) -> None:
     it.pixels["cam0"], it.pixels["cam2"] = it.pixels["cam2"], it.pixels["cam0"]
 
 
-def mirrored(it: Recording) -> None:
-    it.pixels["cam1"] = it.pixels["cam1"] * (-1, 1) + (SIZE[0] - 1, 0)
-
-
-def late(it: Recording) -> None:
-    it.pixels["cam1"] = np.concatenate([it.pixels["cam1"][:1], it.pixels["cam1"][:-1]])
-
-
-def of_another_size(it: Recording) -> None:
-    one = it.cameras["cam2"]
-    it.cameras["cam2"] = replace(one, matrix=one.matrix * [[1.5], [1.5], [1.0]])
-
-
-def in_millimetres(it: Recording) -> None:
-    for name, one in it.cameras.items():
-        it.cameras[name] = replace(one, translation=1000 * one.translation)
-
-
-def of_the_other_side(it: Recording) -> None:
-    it.side = "left"
-
-
 MISTAKES: dict[str, tuple[Callable[[Recording], None], str]] = {
-    "C27 inverse": (turned_round, "led from the camera to the world"),
+    "C27 inverse": (changed(lambda c: {"rotation": c.rotation.T, "translation": -c.rotation.T @ c.translation}), "led from the camera to the world"),
     "C28 exchanged": (exchanged, "if cameras 'cam0' and 'cam2' were exchanged"),
-    "C29 mirrored": (mirrored, "if the images of camera 'cam1' were mirrored"),
-    "late by one": (late, "with camera 'cam1' 1 frame late"),
-    "another size": (of_another_size, "if the matrix of camera 'cam2' were 0.667 times what it is"),
-    "millimetres": (in_millimetres, "With world_unit_m = 0.001 (millimetres) it were"),
-    "other side": (of_the_other_side, "its joints are a right hand's"),
+    "C29 mirrored": (seen("cam1", lambda it: it.pixels["cam1"] * (-1, 1) + (SIZE[0] - 1, 0)), "if the images of camera 'cam1' were mirrored"),
+    "late by one": (seen("cam1", lambda it: it.pixels["cam1"][[0, *range(FRAMES - 1)]]), "with camera 'cam1' 1 frame late"),
+    "another size": (changed(lambda c: {"matrix": c.matrix * [[1.5], [1.5], [1.0]]}, "cam2"), "if the matrix of camera 'cam2' were 0.667 times what it is"),
+    "millimetres": (changed(lambda c: {"translation": 1000 * c.translation}), "With world_unit_m = 0.001 (millimetres) it were"),
+    "other side": (lambda it: setattr(it, "side", "left"), "its joints are a right hand's"),
 }  # fmt: skip
 
 
@@ -362,19 +338,10 @@ def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path):
     assert "'cam1'" in said and "ring" in said and "'cam0'" not in said
 
 
-@pytest.mark.parametrize("degrees", [(-35.0, 10.0, 50.0), (-20.0, 20.0), (0.0, 90.0)])
-def test_a_sound_calibration_is_left_alone(tmp_path, degrees):
-    (found,) = recorded(degrees).found(tmp_path)
+@pytest.mark.parametrize("cameras", [2, 3, 4])
+def test_a_sound_calibration_is_left_alone(tmp_path, cameras):
+    (found,) = recorded(cameras).found(tmp_path)
     assert found.severity == "ok" and "meet in space to" in found.text
-
-
-def simulated(folder: Path, seed: int, cameras: int = 3, joints_px: float | None = None) -> Path:
-    """The masks of a hand before small cameras, and joints with so much noise."""
-    what = Simulation(
-        cameras=cameras, frames=5, size=(320, 240), images=False, seed=seed, motion=sorted(MOTIONS["hand"])[seed % len(MOTIONS["hand"])],
-        init_noise_m=0.0, distance_m=0.4, joints_px=joints_px,
-    )  # fmt: skip
-    return simulate(folder, what)
 
 
 def tracked(folder: Path, use: dict[str, object]) -> tuple[str, TrackingRun]:
@@ -396,21 +363,21 @@ QUICK: dict[str, object] = {
 JOINTS_ALONE: dict[str, object] = {"silhouettes.weight": 0}
 
 
-@pytest.mark.parametrize("by", ["joints", "masks"])
-def test_cameras_that_agree_are_not_questioned(tmp_path, by):
-    if by == "joints":
-        folder, use = simulated(tmp_path / "session", 1, 2, 1.0), JOINTS_ALONE
-    else:
-        folder, use = simulated(tmp_path / "session", 2), {}
-    assert tracked(folder, use)[0] == ""
+def simulated(folder: Path, motion: str) -> tuple[Path, list[Camera]]:
+    """Return a recording of a hand's masks by small cameras, and those."""
+    what = Simulation(frames=5, size=(320, 240), images=False, motion=motion, seed=1, init_noise_m=0.0, distance_m=0.4)  # fmt: skip
+    return simulate(folder, what), list(Session.open(folder).rig)
+
+
+def calibrate(folder: Path, cameras: list[Camera]) -> None:
+    write_rig(folder / "calibration.toml", CameraRig(tuple(cameras)))
 
 
 def test_a_camera_turned_by_a_degree_is_named(tmp_path):
-    folder = simulated(tmp_path / "session", 2)
-    cameras = list(Session.open(folder).rig.cameras)
-    one, turn = cameras[2], rotation_matrix(np.deg2rad([0.7, -0.7, 0.0]))
-    cameras[2] = replace(one, rotation=turn @ one.rotation, translation=turn @ one.translation)
-    write_rig(folder / "calibration.toml", CameraRig(tuple(cameras)))
+    folder, cameras = simulated(tmp_path / "session", "open_fist_open")
+    assert tracked(folder, {})[0] == "", "they agree"
+    cameras[2] = turned(cameras[2], 0.7, -0.7, 0.0)
+    calibrate(folder, cameras)
     said, run = tracked(folder, {"tracker.recovery": True})
     assert said.startswith("camera 'cam2' "), said
     angle = re.search(r"turned by about (\d\.\d)°", said)
@@ -421,16 +388,15 @@ def test_a_camera_turned_by_a_degree_is_named(tmp_path):
 
 def test_a_lens_that_lost_its_k3_is_named(tmp_path):
     """The hand is seen beside the middle, where the coefficient counts; the same with the whole lens is no fault."""
-    folder = simulated(tmp_path / "session", 1)
-    rig = []
-    for number, one in enumerate(Session.open(folder).rig.cameras):
-        turn = rotation_matrix(np.deg2rad([0.0, 14.0 * (-1) ** number, 0.0]))
-        pose = turn @ one.rotation, turn @ one.translation
-        rig.append(replace(one, rotation=pose[0], translation=pose[1], distortions=np.array(LENS)))
-    write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
+    folder, cameras = simulated(tmp_path / "session", "gestures")
+    cameras = [
+        replace(turned(one, 0.0, 14.0 * (-1) ** number, 0.0), distortions=np.array(LENS))
+        for number, one in enumerate(cameras)
+    ]
+    calibrate(folder, cameras)
     add_seen(folder, np.load(folder / "truth.npz")["keypoints21"], 1.0)
     assert tracked(folder, JOINTS_ALONE)[0] == ""
-    rig[1] = replace(rig[1], distortions=np.array([*LENS[:4], 0.0]))
-    write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
+    cameras[1] = replace(cameras[1], distortions=np.array([*LENS[:4], 0.0]))
+    calibrate(folder, cameras)
     said, _ = tracked(folder, JOINTS_ALONE)
     assert "camera 'cam1'" in said and "with another lens" in said, said

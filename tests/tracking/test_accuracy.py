@@ -73,7 +73,6 @@ def test_a_real_hand_on_a_desk_is_near_marks_set_by_eye(data_dir):
     track = run.result(run.track(range(18, 21), *run.initial()))
     figures: Any = compare(track, session)
     assert run.forearm
-    assert set(figures["frames"]) == {19}
     assert figures["landmarks"] == 21
     assert figures["median_px"] < 10.5  # measured 8.4 px
     assert figures["within_20_px"] >= 0.85  # measured 0.90
