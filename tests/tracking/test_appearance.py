@@ -1,7 +1,6 @@
 """Tracking by images alone: no masks, two cameras, a patterned hand before clutter."""
 
 import numpy as np
-import pytest
 
 from handtrack import Observation, Status, Tracker, TrackerSettings, load_model
 from handtrack.model.surfaces.surface_mesh import model_mesh
@@ -10,66 +9,37 @@ from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.sequence import track_frames
 from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
+from tests.tracking.scenes import off_mm
 
 MODEL = load_model()
-COUNT = 8
-MOTION = motion(MODEL, "open_fist_open", 100, np.random.default_rng(0))[14 : 14 + 2 * COUNT : 2]
-CAMERAS = simulated_rig(2, (320, 240)).cameras
+FRAMES = range(8)
 
 
-def _pictures():
+def test_the_hand_is_followed_without_any_mask():
     rng = np.random.default_rng(3)
-    paint = Pattern.random(MODEL.skeleton.bone_count, rng, 0.03)
-    rooms = [cluttered_background(camera.size, rng) for camera in CAMERAS]
-    mesh = model_mesh(MODEL)
-    seen = []
-    for frame, joint in enumerate(MOTION):
-        bones = MODEL.bones(joint)
-        views = [
-            ImageView(camera, textured_picture(camera, mesh, bones, paint, room)[0])
-            for camera, room in zip(CAMERAS, rooms, strict=True)
-        ]
-        seen.append(Observation(frame, frame / 25.0, images=tuple(views)))
-    return seen
+    poses = motion(MODEL, "open_fist_open", 100, np.random.default_rng(0))[14:30:2]
+    mesh, paint = model_mesh(MODEL), Pattern.random(MODEL.skeleton.bone_count, rng, 0.03)
+    rooms = [(c, cluttered_background(c.size, rng)) for c in simulated_rig(2, (320, 240)).cameras]
 
+    def observe(frame, _bones):
+        bones = MODEL.bones(poses[frame])
+        pictures = [textured_picture(c, mesh, bones, paint, room)[0] for c, room in rooms]
+        views = [ImageView(c, picture) for (c, _), picture in zip(rooms, pictures, strict=True)]
+        return Observation(frame, frame / 25.0, images=tuple(views))
 
-@pytest.fixture(scope="module")
-def seen():
-    return _pictures()
-
-
-def settings(**values):
-    by_images = {"silhouettes.weight": 0, "cloud.weight": 0, "tracker.escape": False}
-    return TrackerSettings().with_values(
-        by_images | {k.replace("__", "."): v for k, v in values.items()}
-    )
-
-
-BOTH = settings(edges__weight=1, intensity__weight=1)
-
-
-def followed(seen, how=BOTH, frames=range(COUNT), start=0):
-    observe = {observation.frame: observation for observation in seen}
-    tracker = Tracker(MODEL, how)
-    return list(track_frames(tracker, lambda f, _: observe[f], start, MOTION[start], frames))
-
-
-def errors_mm(results):
-    truth = [MODEL.joint_positions(MODEL.bones(MOTION[r.frame])) for r in results]
-    off = [r.joint_positions - t for r, t in zip(results, truth, strict=True)]
-    return np.array([1e3 * np.linalg.norm(x, axis=1).mean() for x in off])
-
-
-@pytest.fixture(scope="module")
-def forward(seen):
-    return followed(seen)
-
-
-def test_the_hand_is_followed_without_any_mask(forward):
-    moved = 1e3 * np.linalg.norm(np.diff([r.joint_positions for r in forward], axis=0), axis=2)
+    by_images = {
+        "silhouettes.weight": 0,
+        "cloud.weight": 0,
+        "edges.weight": 1,
+        "intensity.weight": 1,
+    }
+    settings = TrackerSettings().with_values(by_images | {"tracker.escape": False})
+    found = list(track_frames(Tracker(MODEL, settings), observe, 0, poses[0], FRAMES))
+    moved = 1e3 * np.linalg.norm(np.diff([r.joint_positions for r in found], axis=0), axis=2)
     assert moved.mean() > 3.0  # a frame
-    assert errors_mm(forward).mean() < 6.0  # measured 4.6 mm: a pixel is 1.7 mm
-    assert errors_mm(forward).max() < 9.0  # measured 7.2 mm, in the first frame, by edges alone
-    assert {r.status for r in forward[1:]} == {Status.TRACKED}  # of the first, a finger is doubted
-    assert set(forward[0].energies) >= {"edges"}
-    assert set(forward[3].energies) >= {"edges", "intensity"}
+    off = np.array([off_mm(r, MODEL, pose).mean() for r, pose in zip(found, poses, strict=True)])
+    assert off.mean() < 6.0  # measured 4.6 mm: a pixel is 1.7 mm
+    assert off.max() < 9.0  # measured 7.2 mm, in the first frame, by edges alone
+    assert {r.status for r in found[1:]} == {Status.TRACKED}  # of the first, a finger is doubted
+    assert set(found[0].energies) >= {"edges"}
+    assert set(found[3].energies) >= {"edges", "intensity"}

@@ -1,4 +1,4 @@
-"""What cameras share over all frames: derivatives, a camera that is turned or late, and clean ones left alone."""
+"""What is found of a camera over all frames, told and corrected."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ from numpy.testing import assert_allclose
 
 from handtrack import load_model
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.pose_changes import changes, moved
 from handtrack.tracking.frame.settings import PriorSettings
 from handtrack.tracking.size.cameras import LATE, CameraChanges
 from handtrack.tracking.size.estimate import Shared, WholeEstimate
@@ -14,7 +13,6 @@ from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.cameras import pinhole
-from tests.derivatives import check_jacobian
 
 HAND = load_model("hand26")
 
@@ -30,29 +28,6 @@ def _changed(rng):
     cameras = (_camera("left", -0.6, (0.1, 0.2, 0.3)), _camera("right", 0.5))
     scale = np.array([0.1] * 3 + [0.02] * 3 + [0.05, 0.4, 0.002])
     return CameraChanges(cameras, scale * rng.normal(size=(2, 9)), (0, 2))
-
-
-def _difference(after, before):
-    """Return the step of `motion.moved` that leads from one pose to another."""
-    return changes(np.stack([before, after]))[0]
-
-
-def test_how_a_camera_sees_the_hand_changes_with_pose_and_camera_as_stated(rng):
-    cameras = _changed(rng)
-    pose, speed = 0.3 * rng.normal(size=(1, 9)), 0.2 * rng.normal(size=(1, 9))
-    view = cameras.seen_poses(1, pose, speed)
-
-    def seen(x):
-        step = np.concatenate([np.zeros(9), x[9:]])
-        return _difference(
-            cameras.stepped(step).seen_poses(1, moved(pose, x[None, :9]), speed).poses[0],
-            view.poses[0],
-        )
-
-    by_pose = np.eye(9)
-    by_pose[:6, :6] = view.by_pose[0]
-    jacobian = np.concatenate([by_pose, view.by_camera[0]], axis=1)
-    check_jacobian(seen, jacobian, np.zeros(18), rtol=1e-6)
 
 
 def test_a_camera_is_corrected_from_what_is_told_of_it(rng):
@@ -98,11 +73,3 @@ def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
         assert_allclose(
             camera.project(seen.position), cameras.corrected()[k].project(bones.position), atol=1e-9
         )
-
-
-def test_a_camera_that_is_late_by_frames_is_looked_at_in_other_images():
-    late = CameraChanges.none((_camera("left", -0.6), _camera("right", 0.5)))
-    late = late.stepped(np.array([0.0] * 7 + [0.3] + [0.0] * 8 + [-1.8, 0.0])).whole_frames()
-    assert late.ahead == (0, 2)
-    assert_allclose(late.values[:, LATE], [0.3, 0.2])
-    assert_allclose(late.late, [0.3, -1.8])

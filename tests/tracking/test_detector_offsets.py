@@ -1,4 +1,4 @@
-"""A detector's points lie beside our joints: constant offsets, found together with the size."""
+"""A person's size from joints in images: as sure as it is right."""
 
 import numpy as np
 import pytest
@@ -13,34 +13,25 @@ from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.size.estimate import fit_size
 
 NAMES = keypoint_names()
-OFFSETS = {
-    "thumb_cmc": (6.0, 9.0, -4.0),
-    "index_mcp": (-2.0, -9.0, 6.0),
-    "ring_pip": (0.0, 5.0, 0.0),
-}
 CAMERAS = [camera.without_distortion() for camera in simulated_rig(3, (640, 480)).cameras]
+SIGMA_PX = 4.0
 
 
-def frames(rng, side="right", count=6, noise_px=0.5, lasts=False, offsets=OFFSETS):
-    """Problems of the mean hand around what a detector with offsets sees of a larger one; the poses they are from."""
-    filmed = load_model("hand26", side, HandScale(1.06, {}, {}, offsets))
-    noise = rng.normal(scale=noise_px, size=(count, len(CAMERAS), len(NAMES), 2))
-    noise = np.broadcast_to(noise[0], noise.shape) if lasts else noise
-    model, sigma = load_model("hand26", side), np.full(26, 0.7)
-    sigma[:6] = np.inf
+def problems_of(filmed, model, rng, lasts):
+    """Return problems of a model around what a detector sees of six poses of a hand, and these; lasts: whether its errors are the same in all."""
+    noise = rng.normal(scale=SIGMA_PX, size=(6, len(CAMERAS), len(NAMES), 2))
+    prior = GaussianPrior(model.rest, np.r_[np.full(6, np.inf), np.full(20, 0.7)])
     problems, poses = [], []
     for errors in noise:
         joint = filmed.rest + rng.normal(scale=0.4, size=26)
         joint[:3] = rng.normal(scale=0.02, size=3)
         pose = filmed.clipped(filmed.transform.solver_params(joint))
-        points = filmed.bones(pose).to_world(filmed.joint_bone, filmed.observed_point)
-        rows = [filmed.joint_names.index(name) for name in NAMES]
-        terms = [
-            KeypointTerm(model, ImageKeypoints(c, NAMES, pixels + error, max(noise_px, 1.0)))
-            for c, error in zip(CAMERAS, errors, strict=True)
-            for pixels in [c.project(points[rows])]
-        ]  # fmt: skip
-        problems.append(Problem(model, terms, [GaussianPrior(model.rest, sigma)]))
+        points = filmed.keypoints21(filmed.bones(pose))
+        seen = [
+            ImageKeypoints(c, NAMES, c.project(points) + error, SIGMA_PX)
+            for c, error in zip(CAMERAS, noise[0] if lasts else errors, strict=True)
+        ]
+        problems.append(Problem(model, [KeypointTerm(model, each) for each in seen], [prior]))
         poses.append(pose)
     return problems, poses
 
@@ -48,11 +39,10 @@ def frames(rng, side="right", count=6, noise_px=0.5, lasts=False, offsets=OFFSET
 @pytest.mark.parametrize("lasts", [False, True], ids=["new in each frame", "the same in all"])
 def test_the_stated_doubt_of_a_length_is_the_true_one(lasts):
     """With errors of its sigma, new in each of six frames, and with one error in all of them, which counts once."""
-    off, repeated = [], 6.0 if lasts else 1.0
+    off, filmed, model = [], load_model(scale=HandScale(1.06)), load_model()
     for seed in range(6):
-        rng = np.random.default_rng(seed)
-        problems, poses = frames(rng, noise_px=4.0, lasts=lasts, offsets={})
-        scale, _ = fit_size(problems, poses, repeated=repeated)
-        true = hand_length_mm(load_model(scale=HandScale(1.06)))
-        off.append((hand_length_mm(load_model(scale=scale)) - true) / scale.std["length_mm"])
+        problems, poses = problems_of(filmed, model, np.random.default_rng(seed), lasts)
+        scale, _ = fit_size(problems, poses, repeated=6.0 if lasts else 1.0)
+        missed = hand_length_mm(load_model(scale=scale)) - hand_length_mm(filmed)
+        off.append(missed / scale.std["length_mm"])
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5

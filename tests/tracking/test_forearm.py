@@ -34,7 +34,6 @@ from handtrack.tracking.whole.refinement import Refinement
 from tests.tracking.scenes import on_surface
 
 HAND, WHOLE = load_model(), load_model(forearm=True)
-ARM = WHOLE.skeleton.bone("forearm")
 QUICK = TrackerSettings().with_values({"tracker.escape": False, "tracker.recovery": False})
 
 
@@ -58,35 +57,17 @@ def posed(flex=0.0, abd=0.0, x=0.0, pose="open"):
 
 
 def without_arm(joint):
-    kept = [name not in ("wrist_flex", "wrist_abd") for name in WHOLE.parameter_names]
-    return HAND.transform.solver_params(joint[kept])
-
-
-def seen_with_arm(joint, length, cameras, frame=0):
-    """Masks of the hand with a forearm that ends so far from the wrist; 0: of the hand alone."""
-    hand = mask_views(HAND, without_arm(joint), cameras, frame)
-    if length == 0.0:
-        return hand
-    bones = WHOLE.bones(WHOLE.transform.solver_params(joint))
-    views = []
-    for whole, alone in zip(
-        mask_views(WHOLE, WHOLE.transform.solver_params(joint), cameras).silhouettes,
-        hand.silhouettes,
-        strict=True,
-    ):
-        ends = np.array([[0.0, 0.0, 0.0], [0.0, length, 0.0]])
-        wrist, far = whole.camera.project(bones.to_world(ARM, ends))
-        v, u = np.mgrid[: whole.mask.shape[0], : whole.mask.shape[1]]
-        here = (np.stack([u, v], axis=-1) - far) @ (wrist - far) > 0
-        views.append(replace(whole, mask=np.maximum(alone.mask, whole.mask * here)))
-    return Observation(frame, frame / 25, tuple(views))
+    return carried_over(WHOLE, WHOLE.transform.solver_params(joint), HAND)
 
 
 @pytest.mark.parametrize("length", [0.0, 0.07, 0.2])
 def test_the_length_of_a_forearm_is_told_by_two_near_cameras(length):
     """From one side, an arm towards the cameras would be hidden by every hand: that is no sign of one."""
     joint = posed(flex=0.3, abd=0.1)
-    seen = seen_with_arm(joint, length, near_pair())
+    filmed = load_model(forearm=length)
+    seen = mask_views(
+        filmed, carried_over(WHOLE, WHOLE.transform.solver_params(joint), filmed), near_pair()
+    )
     found = forearm_length(HAND, HAND.bones(without_arm(joint)), seen.silhouettes)
     assert found == pytest.approx(min(length, 0.1), abs=0.012)
     assert (forearm_in_view(HAND, [(without_arm(joint), seen)]) > 0) is (length > 0)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from handtrack import ImageKeypoints, Observation, PointCloud, Tracker, TrackerSettings
-from handtrack.model.articulated import keypoint_names
+from handtrack import Observation, PointCloud, Tracker, TrackerSettings
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
@@ -12,7 +11,7 @@ from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from tests.derivatives import check_observation_term
 from tests.tracking.scenes import on_surface
-from tests.tracking.test_shared_cameras import FPS, HAND, SIGMA_PX, camera_at
+from tests.tracking.test_shared_cameras import FPS, HAND, camera_at, mean_off_mm, points_of, watched
 
 FRAMES = 11
 
@@ -27,27 +26,14 @@ def poses_at(frames):
     return np.array([HAND.clipped(pose) for pose in poses])
 
 
-def points_at(frames):
-    return np.array([HAND.keypoints21(HAND.bones(pose)) for pose in poses_at(frames)])
-
-
 def live_error_mm(later, known):
     """Return the error of the last frames of the live pass of three cameras [mm]; later: by how many frames each one's images are."""
     cameras, frames = [camera_at(k) for k in range(3)], np.arange(float(FRAMES))
-    pixels = [c.project(points_at(frames + by)) for c, by in zip(cameras, later, strict=True)]
-    pixels += SIGMA_PX * np.random.default_rng(3).normal(size=np.shape(pixels))
+    points = [points_of(poses_at(frames + by)) for by in later]
     times = {camera.name: by for camera, by in zip(cameras, later, strict=True) if known and by}
-
-    def observe(frame, _bones=None):
-        views = [
-            ImageKeypoints(camera, keypoint_names(), pixels[k][frame], SIGMA_PX)
-            for k, camera in enumerate(cameras)
-        ]
-        return Observation(frame, frame / FPS, keypoints=tuple(views), frames_later=times)
-
-    live = track_frames(Tracker(HAND), observe, 0, poses_at(frames[:1])[0], range(FRAMES))
-    found = np.array([result.keypoints21 for result in live])
-    return 1e3 * np.linalg.norm(found - points_at(frames), axis=2)[5:].mean()
+    observe, poses = watched(cameras, points, frames_later=times), poses_at(frames)
+    live = list(track_frames(Tracker(HAND), observe, 0, poses[0], range(FRAMES)))
+    return mean_off_mm(live[5:], points_of(poses[5:]))
 
 
 def test_a_camera_that_is_known_to_be_late_is_predicted_at_its_own_time():
@@ -67,11 +53,12 @@ def cloud_errors_mm(rng, later, told):
         by = later if told else 0.0
         return Observation(frame, frame / FPS, cloud=clouds[frame], cloud_later=by)
 
-    settings, start = TrackerSettings(), poses_at(frames[:1])[0]
+    quick = {"tracker.escape": False, "tracker.recovery": False}
+    settings, start = TrackerSettings().with_values(quick), poses_at(frames[:1])[0]
     found = list(track_frames(Tracker(HAND, settings), observe, 0, start, range(len(frames))))
     both = found, refine(Recording(HAND, settings, observe), found)
-    points = np.array([[result.keypoints21 for result in one] for one in both])
-    return 1e3 * np.linalg.norm(points - points_at(frames), axis=3)[:, 4:-1].mean(axis=(1, 2))
+    truth = points_of(poses_at(frames))[4:-1]
+    return np.array([mean_off_mm(one[4:-1], truth) for one in both])
 
 
 def test_a_cloud_that_is_known_to_be_late_is_predicted_at_its_own_time(rng):
