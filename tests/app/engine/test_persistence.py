@@ -1,19 +1,17 @@
 """Crash safety: what was done is there again after the process ended in any way; and the pose before the last step."""
 
 import io
-import json
 import zipfile
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack.session.layout import POSES_FILE
 from handtrack.session.session_state import decide
 from handtrack.store.spans import Span
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.posing_service import pose_before
-from handtrack_app.engine.store import edits, saving
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import export_beside
 from handtrack_app.protocol import snapshots
 from tests.app.desk import working
@@ -36,18 +34,6 @@ def test_poses_and_settings_come_back_after_a_crash(tmp_path):
     assert again.document.state.limits == {"index_mcp_flex": (0.0, 0.5)}
     assert again.document.state == store.document.state
     assert again.restore() == "Restored from last time: 1 pose set by hand, 2 changed settings."
-
-
-def test_tracked_frames_come_back_to_the_bit(tmp_path):
-    store = tracked(opened(tmp_path))
-    again = opened(tmp_path)
-    assert sorted(again.document.results) == list(range(FRAMES))
-    for frame, result in store.document.results.items():
-        back = again.document.results[frame]
-        assert_array_equal(back.parameters, result.parameters)
-        assert_array_equal(back.joint_positions, result.joint_positions)
-        assert back.status == result.status
-    assert again.restore() == f"Restored from last time: {FRAMES} tracked frames."
 
 
 def test_frames_that_no_page_tracked_are_no_return(tmp_path):
@@ -79,18 +65,6 @@ def test_tracking_again_overwrites_nothing(tmp_path):
     assert spans(again) == (Span(1, 0, 6), Span(2, 6, FRAMES))
 
 
-def test_a12_files_go_by_what_is_known_of_them_and_not_by_their_dates(tmp_path):
-    store = tracked(opened(tmp_path))
-    saving.save_track(store)
-    posed(store, 6, 0.3)
-    tracked(store, range(6, FRAMES), first=6)
-    newest = store.document.results[8].parameters
-    (tmp_path / POSES_FILE).touch()  # copied, unzipped: newer than the take by its date
-    again = opened(tmp_path)
-    assert_array_equal(again.document.results[8].parameters, newest)
-    assert again.warning == ""
-
-
 def test_a5b_a_keyframe_keeps_its_value_when_limits_are_narrowed_later(tmp_path):
     store = opened(tmp_path)
     at = store.document.model.parameter_names.index("index_pip_flex")
@@ -112,18 +86,6 @@ def test_what_cannot_be_any_more_is_passed_over_and_told(tmp_path):
     store.store.write(type(gone).of(odd))
     again = opened(tmp_path)
     assert sorted(again.document.by_hand) == [5]
-
-
-def test_the_first_pose_is_written_and_the_one_before_kept(tmp_path):
-    (tmp_path / "init.json").write_text('{"frame": 0, "parameters": {}}')
-    store = opened(tmp_path)
-    store.document.show(4)
-    said = saving.save_first_pose(store)
-    data = json.loads((tmp_path / "init.json").read_text())
-    assert said.startswith("Tracking will start from frame 4")
-    assert data["frame"] == 4
-    assert data["parameters"]["index_pip_flex"] == pytest.approx(store.document.shown[15], abs=1.0)
-    assert len(list((tmp_path / "versions").iterdir())) == 1
 
 
 def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path):

@@ -56,7 +56,9 @@ def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_ac
 ):
     corrected(folder)
     copies = [Path(shutil.copytree(folder, tmp_path / name)) for name in ("a", "b", "c")]
-    *_, end = track_session(TrackingRun.open(Session.open(copies[0])))
+    run = TrackingRun.open(Session.open(copies[0]))
+    assert posed_frames(run)[2].keys() == {3}
+    *_, end = track_session(run)
     assert isinstance(end, Ended)
     expected = end.track
     assert expected.status.tolist().count(Status.KEYFRAME) == 1
@@ -90,7 +92,6 @@ def corrected(folder):
     engine.set_pin(3, camera.name, (column + 3.0, row), 2, Hold("middle_tip"))
     eventually(lambda: document.run.session.pins.of(3), "pinned")
     worker.stop()
-    assert posed_frames(TrackingRun.open(Session.open(folder)))[2].keys() == {3}
 
 
 def opened(folder):

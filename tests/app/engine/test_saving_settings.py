@@ -88,6 +88,7 @@ def test_the_fitted_size_is_kept(tmp_path):
     assert read_first_pose(tmp_path / "init.json").frame == store.document.frame
     assert "# mine" in path.read_text(encoding="utf-8")
     assert [one.read_text(encoding="utf-8") for one in versions(path)] == [text]
+    assert len(versions(tmp_path / "init.json")) == 1
 
 
 def test_a_size_that_was_given_stays_as_it_is_written(tmp_path):

@@ -199,22 +199,6 @@ def test_the_size_is_fitted_after_tracking_and_all_is_tracked_again(sized_later)
     assert document.by_hand[8][index] == pytest.approx(0.3), "a pose set by hand is not lost"
 
 
-def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path):
-    for worker, listener in a_desk(tmp_path, step_s=0.0):
-        values = pose_with(listener, ring_pip_flex=1.0)
-        worker.engine.set_pose(8, values, 1)
-        listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8)
-        worker.engine.track(0, FRAMES, 3, anew=True)
-        done = listener.told("Tracking finished")
-        assert f"{FRAMES - 1} of {FRAMES - 1} frames" in done.text
-        document = worker.document
-        ring = document.model.parameter_names.index("ring_pip_flex")
-        assert sorted(document.results) == [f for f in range(FRAMES) if f != 8]
-        np.testing.assert_allclose(document.pose_at(8), values)
-        assert document.results[9].parameters[ring] > 0.9  # tracked from the corrected pose
-        assert document.results[7].parameters[ring] < 0.9
-
-
 def test_c66_without_any_keyframe_all_goes_on_and_forgetting_is_undone_after_a_restart(
     tmp_path,
 ):

@@ -3,8 +3,6 @@ it plays; the lanes; what is said to the user; where model and picture are drawn
 
 import contextlib
 import re
-import threading
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +12,7 @@ import viser.transforms as vtf
 from handtrack.export.registry import export_format
 from handtrack_app.engine.store import persistence
 from handtrack_app.page.panels.export import card_words
-from handtrack_app.page.panels.view import DARK, LIGHT, WIDTH
+from handtrack_app.page.panels.view import WIDTH
 from handtrack_app.page.scene.model_view import hand_balls
 from handtrack_app.page.scene.zoom import Zoom
 from tests.app.desk import in_threads
@@ -97,39 +95,10 @@ HOLD_BACK = """() => {
 """no click on the button of the lanes arrives: they are counted"""
 
 
-SAMPLE = """() => {
-  const card = [...document.querySelectorAll('b')].find((one) => /^Frame \\\\d+$/.test(one.textContent));
-  const lanes = document.querySelector('.handtrack-timeline').closest('.mantine-Paper-root');
-  const grey = (image) => {
-    const canvas = document.createElement('canvas'), ink = canvas.getContext('2d');
-    [canvas.width, canvas.height] = [image.naturalWidth || image.width, image.naturalHeight || image.height];
-    ink.drawImage(image, 0, 0);
-    return Math.round(ink.getImageData(12, 12, 1, 1).data[0] / 10);
-  };
-  const sheet = document.querySelector('.handtrack-pictures img');
-  return {card: card ? Number(card.textContent.slice(6)): null, word: card ? card.nextElementSibling.textContent : null,
-          cursor: Number(lanes.querySelector('.mantine-Slider-thumb').getAttribute('aria-valuenow')),
-          lanes: lanes.innerText, sheet: sheet ? grey(sheet): null};
-}""".replace("\\\\", "\\")
-"""the frame that each part of the page is of, by its words and by the grey of the pictures"""
-
-
 NOTICE = """() => {
   const r = document.querySelector('.mantine-Notification-root')?.getBoundingClientRect();
   return r ? [r.left, r.top, r.right, r.bottom] : null;
 }"""
-BELOW = """() => {
-  const below = [...document.querySelectorAll('.mantine-Paper-root')].find((one) =>
-    one.style.position === 'absolute' && one.querySelector('.handtrack-timeline'));
-  const r = below?.getBoundingClientRect();
-  return r && [r.left, r.right, innerHeight - r.bottom];
-}"""
-"""where the timeline stands"""
-LAYOUT = """() => {
-  const slider = document.querySelector('.mantine-Paper-root:has(.handtrack-timeline) .mantine-Slider-thumb').getBoundingClientRect();
-  return {below: (%s)(), thumb: slider.width,
-          ground: getComputedStyle(document.querySelector('canvas').closest('div[style*="background-color"]')).backgroundColor};
-}""".replace("%s", BELOW)
 NAMELESS = """() => [...document.querySelectorAll('button, input, img, [role="slider"], [role="progressbar"]')].filter((one) =>
   one.offsetParent !== null && !one.getAttribute('aria-label') && !one.alt && !one.textContent.trim() && !one.labels?.length)
   .map((one) => one.outerHTML.slice(0, 150))"""
@@ -137,7 +106,6 @@ LONG = " ".join(f"Word{n} of a reason that has to be read to its end." for n in 
 CUT = """() => [...document.querySelectorAll('.mantine-Notification-root')].filter((one) => one.innerText.includes('Word11')).map(
   (root) => [root, ...root.querySelectorAll('*')].some((one) => getComputedStyle(one).overflow !== 'visible'
     && (one.scrollHeight > one.clientHeight + 1 || one.scrollWidth > one.clientWidth + 1)))"""
-KEPT = "() => Object.values(localStorage).some((kept) => kept.includes('light'))"
 CANVAS = """() => {
   const r = window.__viserMutable.canvas.getBoundingClientRect();
   return [r.left, r.top, r.width, r.height];
@@ -148,21 +116,15 @@ NODES = "() => Object.keys(window.__viserMutable.nodeRefFromName)"
 @pytest.mark.browser
 def test_a_user_s_way_through_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(persistence, "_MERGE_S", 0.1)
-    held = threading.Event()
-    opener = lambda f: fake_document(f, stuck=lambda frame: frame == 8 and held.is_set())  # noqa: E731
-    bench = in_threads(tmp_path, opener=opener)
+    bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench, size=(1280, 800)) as view:
         _scene_and_hand_are_the_largest_things(bench, view)
         _keys_behind_a_dialog_do_nothing_and_escape_closes_it(bench, view)
         _moves_of_a_slider_with_rests_are_one_step(bench, view)
         _a_click_on_the_handle_is_no_edit_and_a_drag_is_one_step(bench, view)
         _what_would_be_gripped_is_named_under_the_pointer(bench, view)
-        _played_however_slowly_all_is_of_one_frame(bench, view)
         _a_click_on_the_lanes_goes_there(bench, view)
-        held.set()
-        _tracking_is_cancelled(bench, view)
         _has_names_for_a_screen_reader(bench, view)
-        _keeps_its_style_whatever_is_folded(bench, view)
         _picture_and_model_are_drawn_as_one_however_large(bench, view)
         _shows_what_matters_whole_until_it_is_put_away(bench, view)
         view.page.set_viewport_size({"width": 853, "height": 533})  # at 150 %
@@ -269,37 +231,8 @@ def _drag_with_rests(view, start, stop):
     view.page.wait_for_timeout(200)
 
 
-def _played_however_slowly_all_is_of_one_frame(bench, view):
-    _tracked(bench)
-    bench.page.go_to(5)
-    eventually(lambda: bench.stage.pose.frame == 5, "another frame")
-    bench.page.edit_pose({"root_tx": 0.02}, "Move")
-    by_hand = lambda: bench.layout.timeline.strip.by_hand  # noqa: E731
-    eventually(lambda: 5 in by_hand(), "set by hand")
-    words = {7: "low confidence"} | dict.fromkeys(by_hand(), "set by hand")
-    slow = view.page.context.new_cdp_session(view.page)
-    slow.send("Emulation.setCPUThrottlingRate", {"rate": 2})
-    bench.page.play(True)
-    rng, samples = np.random.default_rng(0), list[dict[str, Any]]()
-    for tab in ("Pose", "View"):
-        view.show_tab(tab)
-        for _ in range(5):
-            view.page.wait_for_timeout(float(rng.uniform(100, 500)))
-            samples.append(view.page.evaluate(SAMPLE))
-    bench.page.play(False)
-    slow.send("Emulation.setCPUThrottlingRate", {"rate": 1})
-    for one in samples:
-        frame = one["cursor"]
-        word = words.get(frame, "tracked")
-        assert one["card"] in (None, frame) and one["sheet"] in (None, frame), one
-        assert one["word"] in (None, word)
-        assert word in one["lanes"].splitlines()
-    for part in ("card", "sheet"):
-        assert sum(one[part] is not None for one in samples) >= 4, f"the {part} is shown"
-    assert len({one["cursor"] for one in samples}) >= 3, "it plays"
-
-
 def _a_click_on_the_lanes_goes_there(bench, view):
+    _tracked(bench)
     mouse, picture = view.page.mouse, view.page.locator(".handtrack-timeline svg")
     for frame in (8, 2, 11):
         box = eventually(picture.bounding_box, "the lanes are there")  # they are sent anew
@@ -336,17 +269,6 @@ def _a_click_on_the_lanes_goes_there(bench, view):
     assert sum(row[:1].isdigit() for row in rows) == FRAMES
 
 
-def _tracking_is_cancelled(bench, view):
-    view.show_tab("Track")
-    view.press("Track all frames")
-    cancel = view.page.get_by_role("button", name="Cancel", exact=True)
-    eventually(lambda: bench.layout.tracking.progress.done >= 2, "two frames are done")
-    cancel.click()
-    # how soon it stops is asked of the worker alone (test_worker.py): beside other tests the page may be late
-    eventually(lambda: bench.layout.tracking.progress.state == "idle", "cancelled")
-    view.page.get_by_text("Cancelled").first.wait_for()
-
-
 def _scene_and_hand_are_the_largest_things(bench, view):
     eventually(lambda: share(view) >= 0.7, "the scene has 70 % of the window, with the panel open")
     eventually(lambda: is_large(bench, view), "freely")
@@ -359,24 +281,6 @@ def _scene_and_hand_are_the_largest_things(bench, view):
     assert notice[0] > high[0] or notice[2] < low[0] or notice[3] < low[1], "beside the hand"
     view.page.keyboard.press("0")
     view.page.locator(".mantine-Notification-closeButton").first.click()
-
-
-def _keeps_its_style_whatever_is_folded(bench, view):
-    (client,) = bench.server.get_clients().values()
-    looks, room = lambda: view.page.evaluate(LAYOUT), bench.layout.room
-    is_light = lambda: sum(map(int, re.findall(r"\d+", looks()["ground"])[:3])) > 382  # noqa: E731
-    eventually(lambda: room.tastes, "it has the system's colours, whichever these are")
-    for chosen in (DARK, LIGHT):
-        room.change(client, colours=chosen)
-        eventually(lambda chosen=chosen: is_light() == (chosen == LIGHT), chosen)
-    eventually(lambda: view.page.evaluate(KEPT), "the browser keeps them")
-    before = looks()
-    room.fold(client, folded=True)
-    rail = view.page.get_by_role("tab", name="Review", exact=True)
-    eventually(lambda: not rail.is_visible(), "folded")
-    assert looks() == before
-    room.fold(client, folded=False)
-    eventually(rail.is_visible, "shown again")
 
 
 def _panel_hides_nothing_of_a_narrow_and_low_scene(view):

@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import rotation_matrix
-from handtrack_app.page.scene.looking import _pixel
 from tests.app.cloudy_session import BOX, cloudy_session
 from tests.app.desk import in_threads
 from tests.app.page.test_browser import browsing, stands
@@ -15,21 +12,6 @@ from tests.app.wire import WireClient
 from tests.experiments.workbench.chromium import PROJECT
 
 BRUSH = "() => document.getElementById('handtrack-brush').getBoundingClientRect().width"
-
-
-def test_a_ray_from_anywhere_meets_the_image_at_its_pixel(rng):
-    matrix = np.array([[150.0, 0, 47.5], [0, 140.0, 35.5], [0, 0, 1.0]])
-    turn = rotation_matrix(np.array([0.4, -0.3, 0.2]))
-    card = Camera(
-        "cam0", (96, 72), matrix, np.zeros(5), turn.T, -turn.T @ np.array([0.1, 0.2, -0.3])
-    )
-    depth, pixel = 0.7, np.array([20.0, 50.0])
-    on_image = card.centre + depth * turn @ np.linalg.solve(matrix, [*pixel, 1.0])
-    for eye in (card.centre, card.centre + [0.05, 0.1, 0.02]):
-        through = eye + 0.4 * (on_image - eye)
-        assert_allclose(_pixel(card, depth, eye, through), pixel, atol=1e-9)
-    behind = card.centre - (on_image - card.centre)
-    assert _pixel(card, depth, card.centre, behind) is None
 
 
 @pytest.mark.browser
