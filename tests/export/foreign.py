@@ -257,30 +257,6 @@ def anipose(kind: str, folder: Path) -> float:
     return _worst_seen(1e-3 * points, table)
 
 
-def openpose_files(kind: str, folder: Path) -> float:
-    """Python's zipfile and json, by the keys in OpenPose's documentation; a file's number is its frame."""
-    table, (path,) = written(kind, "openpose-files", folder)
-    key = "pose" if table.track.side == "both" or kind == "body" else f"hand_{table.track.side}"
-    found, wanted = [], []
-    with zipfile.ZipFile(path) as archive:
-        frames = [int(re.findall(r"\d{12}", name)[0]) for name in archive.namelist()]
-        assert frames == table.track.frame.tolist()
-        for row, name in enumerate(archive.namelist()):
-            people = json.loads(archive.read(name))["people"]
-            assert len(people) == int(not table.is_lost[row])
-            for person in people:
-                assert {"pose_keypoints_2d", "face_keypoints_2d", "hand_left_keypoints_2d"} <= set(
-                    person
-                )
-                wrist = np.reshape(person[f"{key}_keypoints_3d"], (-1, 4))[
-                    4 if kind == "body" else 0
-                ]
-                joint = table.track.joint_names.index("right_wrist" if kind == "body" else "wrist")
-                found.append(wrist[:3])
-                wanted.append(table.track.joint_positions[row, joint])
-    return _worst(np.array(found), np.array(wanted))
-
-
 def pose(kind: str, folder: Path) -> float:
     """pose-format's reader: a component of points by MediaPipe's names, masked where the pose is lost."""
     Pose = library("pose_format").Pose
@@ -297,14 +273,23 @@ def pose(kind: str, folder: Path) -> float:
 
 
 def _ordered(name: str, kind: str, folder: Path) -> float:
-    """Python's json, by the order in OpenPose's or MediaPipe's documentation."""
+    """Python's json, by the order in OpenPose's or MediaPipe's documentation; a file a frame in a zip, numbered by it."""
     table, (path,) = written(kind, name, folder)
-    told = json.loads(path.read_text())
+    if name == "openpose-files":
+        with zipfile.ZipFile(path) as archive:
+            numbers = [int(re.findall(r"\d{12}", file)[0]) for file in archive.namelist()]
+            frames = [json.loads(archive.read(file)) for file in archive.namelist()]
+        assert numbers == table.track.frame.tolist()
+        names = json.loads(written(kind, "openpose", folder)[1][0].read_text())["names"]
+    else:
+        told = json.loads(path.read_text())
+        frames, names = told["frames"], told["names"]
     joints = table.track.joint_names
     found, wanted = [], []
-    for i, frame in enumerate(told["frames"]):
-        if name == "openpose":
-            rows = [next(v for k, v in p.items() if k.endswith("_3d")) for p in frame["people"]]
+    for i, frame in enumerate(frames):
+        if "people" in frame:
+            threes = [[v for k, v in p.items() if k.endswith("_3d")] for p in frame["people"]]
+            rows = [max(one, key=len) for one in threes]
         else:
             key = next(k for k in frame if k.endswith("world_landmarks"))
             rows = [
@@ -312,7 +297,7 @@ def _ordered(name: str, kind: str, folder: Path) -> float:
             ]
         marks = np.array(rows).reshape(-1, 4)
         assert (len(marks) == 0) == bool(table.is_lost[i])
-        for mark, joint in zip(marks, told["names"], strict=False):
+        for mark, joint in zip(marks, names, strict=False):
             assert (mark[3] > 0) == (joint in joints)
             if joint in joints:
                 found.append(mark[:3])
@@ -420,7 +405,7 @@ def nwb(kind: str, folder: Path) -> float:
 
 READERS: dict[str, Callable[[str, Path], float]] = {
     "glb": glb, "trc": trc, "mot": mot, "bvh": bvh, "urdf": urdf, "urdf in MuJoCo": mujoco, "mcap": mcap, "c3d": c3d,
-    "netcdf": netcdf, "nwb": nwb, "anipose": anipose, "openpose": partial(_ordered, "openpose"), "openpose-files": openpose_files, "pose": pose, "mediapipe": partial(_ordered, "mediapipe"),
+    "netcdf": netcdf, "nwb": nwb, "anipose": anipose, "openpose": partial(_ordered, "openpose"), "openpose-files": partial(_ordered, "openpose-files"), "pose": pose, "mediapipe": partial(_ordered, "mediapipe"),
 }  # fmt: skip
 
 

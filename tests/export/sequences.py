@@ -7,7 +7,6 @@ import numpy as np
 
 from handtrack import (
     ArticulatedModel,
-    Camera,
     CameraRig,
     HandScale,
     Status,
@@ -19,6 +18,7 @@ from handtrack.capture.calibration.rig_file import rig_json
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import PARTS
+from tests.cameras import pinhole
 from tests.sample_track import labels_of, posed_frame
 
 CLAW = Path(__file__).parent / "claw.toml"
@@ -39,14 +39,11 @@ def sample_model(kind: str) -> ArticulatedModel:
 
 def sample_rig() -> CameraRig:
     """Return two cameras a metre and a half from the origin."""
-    matrix = np.array([[500.0, 0.0, 320.0], [0.0, 505.0, 240.0], [0.0, 0.0, 1.0]])
-    turns = rotation_matrix(np.array([[np.pi, 0.0, 0.0], [np.pi, 0.6, 0.0]]))
-    return CameraRig(
-        tuple(
-            Camera(name, (640, 480), matrix, np.zeros(5), turn, np.array([0.0, 0.0, 1.5]))
-            for name, turn in zip(("front", "side"), turns, strict=True)
-        )
-    )
+    turns = {"front": [np.pi, 0.0, 0.0], "side": [np.pi, 0.6, 0.0]}
+    return CameraRig(tuple(
+        pinhole(name, (640, 480), (500, 505), rotation_matrix(np.array(turn)), (0, 0, 1.5), at=(320, 240))
+        for name, turn in turns.items()
+    ))  # fmt: skip
 
 
 def smooth_poses(model: ArticulatedModel, frames: int, rng: np.random.Generator) -> Floats:

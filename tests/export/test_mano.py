@@ -14,8 +14,6 @@ from handtrack.export.mano import ManoModel, fit_mano, write_init
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.session.first_pose.first_pose import read_first_pose
 from tests.export.sequences import sample_model, sample_sequence
 
@@ -24,44 +22,25 @@ TIPS = {"thumb": 744, "index": 320, "middle": 443, "ring": 554, "little": 671}
 
 
 def stand_in() -> dict[str, np.ndarray]:
-    """Return arrays by MANO's names: skin and joints of our mean right hand, shapes of length and of thickness."""
+    """Return arrays by MANO's names: joints and tips of our mean right hand among vertices anywhere, shapes of length and of nothing."""
     rng = np.random.default_rng(2)
     model = sample_model("right")
-    bones = model.bones(model.params_from({}))
-    keypoints = dict(zip(keypoint_names(), model.keypoints21(bones), strict=True))
+    keypoints = dict(zip(keypoint_names(), model.keypoints21(model.bones(model.params_from({}))), strict=True))  # fmt: skip
     names = ["wrist"]
     for finger in FINGERS:
         parts = ("cmc", "mcp", "ip") if finger == "thumb" else ("mcp", "pip", "dip")
         names += [f"{finger}_{part}" for part in parts]
     joints = np.array([keypoints[name] for name in names])
-    skin, normals = sample_surface(MetaballSurface.of(model), bones, 778, rng)
-    for finger, vertex in TIPS.items():
-        skin[vertex] = keypoints[f"{finger}_tip"]
+    skin, carried_by = rng.normal(scale=0.05, size=(778, 3)), np.zeros(778, int)
     skin[:16] = joints  # which the regressor takes
-    parent = [-1 if j == 0 else 0 if j % 3 == 1 else j - 1 for j in range(16)]
-    ends = np.array(
-        [
-            keypoints[f"{n.split('_')[0]}_tip"]
-            if n[-3:] in ("dip", "_ip")
-            else joints[min(j + 1, 15)]
-            for j, n in enumerate(names)
-        ]
-    )
-    ends[0] = joints[4]
-    middle = 0.5 * (joints + ends)
-    near = np.linalg.norm(skin[:, None] - middle, axis=2)
-    weights = np.exp(-((near / 0.012) ** 2)) + 1e-12
-    weights /= weights.sum(axis=1, keepdims=True)
-    for finger, vertex in TIPS.items():
-        weights[vertex] = np.eye(16)[3 * FINGERS.index(finger) + 3]
-    normals[:16] = 0
-    for vertex in TIPS.values():
-        normals[vertex] = 0
-    shapes = np.stack([0.04 * (skin - joints[0]), 0.001 * normals], axis=2)
+    for number, finger in enumerate(FINGERS):
+        skin[TIPS[finger]], carried_by[TIPS[finger]] = keypoints[f"{finger}_tip"], 3 * number + 3
+    longer = 0.04 * (skin - joints[0])
+    parent = [0 if j % 3 == 1 else j - 1 for j in range(1, 16)]
     return {
-        "v_template": skin, "shapedirs": shapes, "posedirs": 1e-4 * rng.normal(size=(778, 3, 135)), "weights": weights,
-        "J_regressor": np.eye(16, 778), "kintree_table": np.array([np.r_[2**32 - 1, parent[1:]], np.arange(16)]),
-        "f": rng.integers(0, 778, (100, 3)),
+        "v_template": skin, "shapedirs": np.stack([longer, np.zeros_like(skin)], axis=2),
+        "posedirs": 1e-4 * rng.normal(size=(778, 3, 135)), "weights": np.eye(16)[carried_by], "J_regressor": np.eye(16, 778),
+        "kintree_table": np.array([[2**32 - 1, *parent], np.arange(16)]), "f": rng.integers(0, 778, (100, 3)),
     }  # fmt: skip
 
 
