@@ -19,14 +19,10 @@ def test_results_keep_the_order_of_their_items(monkeypatch):
     assert in_parallel(slow_for_the_first, range(8)) == [i * i for i in range(8)]
 
 
-def test_work_within_work_does_not_wait_for_itself(monkeypatch):
+def test_work_within_work_does_not_wait_for_itself_and_an_error_is_the_callers(monkeypatch):
     monkeypatch.setenv("HANDTRACK_THREADS", "2")
     found = in_parallel(lambda i: in_parallel(lambda j: 10 * i + j, range(3)), range(4))
     assert found == [[10 * i + j for j in range(3)] for i in range(4)]
-
-
-def test_an_error_is_the_callers(monkeypatch):
-    monkeypatch.setenv("HANDTRACK_THREADS", "2")
     with pytest.raises(ZeroDivisionError):
         in_parallel(lambda item: 1 // item, [2, 1, 0])
 

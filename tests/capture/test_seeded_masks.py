@@ -8,21 +8,23 @@ import numpy as np
 import pytest
 
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_joints
-from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
+from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded
 from handtrack.capture.masks.segmentation import SkinYCrCb, segmenter
 from tests.capture.seeded_scenes import SIZE, Recording, recording
 
 TESTED = range(1, 12, 2)
 
 
-def seeds_in(drawn: Recording, frame: int) -> HandSeeds:
-    found = seeds_of_joints(drawn.joints[frame], SIZE)
-    assert found is not None
-    return found
+def masks_of(drawn: Recording) -> list[np.ndarray]:
+    """Return the masks of the tested frames."""
 
+    def seeds(frame: int) -> HandSeeds:
+        found = seeds_of_joints(drawn.joints[frame], SIZE)
+        assert found is not None
+        return found
 
-def learned(drawn: Recording) -> SeededMasks:
-    return Seeded().learned(drawn, lambda frame: seeds_in(drawn, frame))
+    learned = Seeded().learned(drawn, seeds)
+    return [learned.mask(drawn.images[frame], seeds(frame)) for frame in TESTED]
 
 
 def figures(drawn: Recording, masks: list[np.ndarray]) -> tuple[float, float]:
@@ -63,8 +65,7 @@ def test_what_is_said_is_right(light):
     where half a pixel is 2 %.
     """
     drawn = filmed(light)
-    masks = learned(drawn)
-    wrong, known = figures(drawn, [masks.mask(drawn.images[f], seeds_in(drawn, f)) for f in TESTED])
+    wrong, known = figures(drawn, masks_of(drawn))
     skin = segmenter(SkinYCrCb(), drawn)
     by_skin, _ = figures(drawn, [skin(drawn.images[f]) for f in TESTED])
     assert wrong < MOST_WRONG[light]
@@ -74,13 +75,10 @@ def test_what_is_said_is_right(light):
 
 def test_the_outline_is_known_where_hand_and_background_are():
     """Found: 99 % of the outline's pixels; 81 % while smoothing made them unknown."""
-    drawn = filmed("even")
-    masks = learned(drawn)
-    known = []
-    for frame in TESTED:
+    drawn, known = filmed("even"), []
+    for frame, mask in zip(TESTED, masks_of(drawn), strict=True):
         truth = drawn.truth[frame].astype(np.uint8)
         outline = truth - cv2.erode(truth, np.ones((3, 3)), borderValue=0) > 0
-        mask = masks.mask(drawn.images[frame], seeds_in(drawn, frame))
         known.append((mask[outline & (before_wrist(drawn, frame) > 0.2)] != UNKNOWN_LEVEL).mean())
     assert np.mean(known) > 0.95
 
@@ -91,6 +89,4 @@ def test_another_hand_that_nobody_seeds_is_no_hand():
         truth = drawn.truth[frame]
         moved = np.roll(truth, 110, axis=0) & ~truth
         drawn.images[frame][moved] = np.roll(drawn.images[frame], 110, axis=0)[moved]
-    masks = learned(drawn)
-    wrong, _ = figures(drawn, [masks.mask(drawn.images[f], seeds_in(drawn, f)) for f in TESTED])
-    assert wrong < 0.04
+    assert figures(drawn, masks_of(drawn))[0] < 0.04

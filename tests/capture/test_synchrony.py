@@ -19,15 +19,13 @@ def camera(name: str, turn: float) -> Camera:
     return pinhole(name, SIZE, 110, rotation, (0, 0, 0.5))
 
 
-def pictures(
-    seen_by: Camera, late: float, rng: np.random.Generator, moves: bool = True
-) -> list[Array]:
+def pictures(seen_by: Camera, late: float, rng: np.random.Generator) -> list[Array]:
     """Return pictures of a few spots on smooth paths (the same for every camera), `late` frames late, with noise."""
     paths = np.random.default_rng(5)
     phase, speed = paths.uniform(0, 6, (8, 3)), paths.uniform(0.1, 0.4, (8, 3))
     frames = []
     for frame in range(FRAMES):
-        time = (frame - late) * moves
+        time = frame - late
         spots = 0.08 * np.sin(phase + speed * time + 0.5 * np.sin(0.07 * time))
         picture = rng.normal(60.0, 1.0, SIZE[::-1])
         for column, row in seen_by.project(spots):
@@ -37,11 +35,9 @@ def pictures(
     return frames
 
 
-def two_stretches(
-    name: str, turn: float, late: float, moves: bool = True
-) -> tuple[ImageMotion, ImageMotion]:
+def two_stretches(name: str, turn: float, late: float) -> tuple[ImageMotion, ImageMotion]:
     seen_by, rng = camera(name, turn), np.random.default_rng(ord(name))
-    frames = pictures(seen_by, late, rng, moves)
+    frames = pictures(seen_by, late, rng)
     half = FRAMES // 2
     return ImageMotion(seen_by, frames[:half]), ImageMotion(seen_by, frames[half:])
 

@@ -74,12 +74,6 @@ def test_cameras_are_numbered_in_the_sessions_order_and_masks_are_computed(studi
     assert session.known_frames == range(frame + 1)
 
 
-def recorded(studio: Studio, folder: Path) -> LiveRecording:
-    recording = LiveRecording(folder, studio.session)
-    studio.session.live.on_frame = recording.add
-    return recording
-
-
 def test_a_recording_opens_as_a_session_with_its_poses(studio, tmp_path):
     run = TrackingRun.open(
         studio.session,
@@ -92,7 +86,8 @@ def test_a_recording_opens_as_a_session_with_its_poses(studio, tmp_path):
         use_init=False,
     )
     studio.show()  # before recording began
-    recording = recorded(studio, tmp_path / "new")
+    recording = LiveRecording(tmp_path / "new", studio.session)
+    studio.session.live.on_frame = recording.add
     frames = [studio.show(hand_image(x)) for x in (10, 14, 18)]
     results = run.track(range(frames[0], frames[-1] + 1), frames[0], run.model.rest_params())
     for result in results:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack import HandScale, load_model
+from handtrack.simulation.motion import motion
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS, CMU_WRIST_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget, retarget_errors
@@ -19,29 +20,13 @@ def dancer():
     return build(HandScale(0.9, {"thighs": 1.08, "forearms": 0.95}, {"hip_width": 1.5}))
 
 
-def dance(model, frames, rng):
-    """Return params (F, 34) that wander through the inner half of the limits, turning round."""
-    low, high = model.limits.interval[6:].T
-    ends = rng.uniform(0.6 * low, 0.6 * high, size=(4, 28))
-    at = np.linspace(0, 3 - 1e-9, frames)
-    part = (at % 1)[:, None]
-    part = part * part * (3 - 2 * part)
-    joint = np.zeros((frames, 34))
-    joint[:, 6:] = ends[at.astype(int)] * (1 - part) + ends[at.astype(int) + 1] * part
-    held = np.isfinite(model.stabilise)
-    joint[:, held] *= 0.2
-    joint[:, 4] = np.linspace(0, 2.5, frames)
-    joint[:, 0] = np.linspace(0, 1.0, frames)
-    return joint
-
-
 def joints_of(model, params, names):
     columns = [model.joint_names.index(name) for name in names]
     return np.stack([model.joint_positions(model.bones(p))[columns] for p in params])
 
 
 def test_a_motion_of_the_same_body_is_recovered(dancer, rng):
-    params = dance(dancer, 25, rng)
+    params = motion(dancer, "dance", 25, rng)
     names = dancer.joint_names
     positions = joints_of(dancer, params, names)
     found = retarget(dancer, names, positions)
@@ -52,7 +37,7 @@ def test_a_motion_of_the_same_body_is_recovered(dancer, rng):
 
 
 def test_a_persons_size_is_found_with_the_poses(dancer, rng):
-    params = dance(dancer, 12, rng)
+    params = motion(dancer, "dance", 12, rng)
     names = dancer.joint_names
     positions = joints_of(dancer, params, names)
     positions = positions + rng.normal(scale=0.003, size=positions.shape)
