@@ -14,27 +14,14 @@ from handtrack.capture.masks.segmentation import (
     SkinYCrCb,
     segmenter,
 )
+from tests.capture.seeded_scenes import Recording
 
 SKIN = (110, 140, 200)  # BGR
 DESK = (120, 110, 100)
 
 
-class Frames:
-    """Images in memory as a frame source."""
-
-    where = "drawn"
-    size = (80, 60)
-    warnings = ()
-
-    def __init__(self, images: list[Array | None]) -> None:
-        self._images = images
-        self.frames = range(len(images))
-
-    def has(self, frame: int) -> bool:
-        return self.read(frame) is not None
-
-    def read(self, frame: int) -> Array | None:
-        return self._images[frame] if 0 <= frame < len(self._images) else None
+def frames(*images: Array | None) -> Recording:
+    return Recording(list(images), [], [], [], size=(80, 60))
 
 
 def scene(rng: np.random.Generator, *boxes: tuple[int, int, int, int]) -> Array:
@@ -61,7 +48,7 @@ def test_skin_ycrcb_keeps_the_closed_box_of_colours():
     image = cv2.cvtColor(ycrcb.astype(np.uint8), cv2.COLOR_YCrCb2BGR)
     back = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)
     method = SkinYCrCb(open_px=0, largest=False)
-    mask = segmenter(method, Frames([]))(image)
+    mask = segmenter(method, frames())(image)
     y, cr, cb = np.moveaxis(back.astype(int), -1, 0)
     expected = (y >= 40) & (cr >= 138) & (cr <= 175) & (cb >= 85) & (cb <= 125)
     assert_array_equal(mask > 0, expected)
@@ -70,15 +57,15 @@ def test_skin_ycrcb_keeps_the_closed_box_of_colours():
 
 def test_the_region_of_interest_comes_before_the_largest_piece(rng):
     other = (60, 5, 8, 8)
-    segment = segmenter(SkinYCrCb(open_px=0), Frames([]), roi=(55, 0, 25, 60))
+    segment = segmenter(SkinYCrCb(open_px=0), frames(), roi=(55, 0, 25, 60))
     assert_array_equal(segment(scene(rng, HAND, other)), box_mask(*other))
 
 
 def test_skin_adaptive_fits_its_sample(rng):
-    frames = Frames([None, scene(rng, HAND)])
+    sample = frames(None, scene(rng, HAND))
     method = SkinAdaptive(sample=(25, 20, 10, 10), size=4.0, reference=1)
     bright = (scene(rng, HAND) * 0.8).astype(np.uint8)  # chromaticity does not mind the brightness
-    mask = segmenter(method, frames)(bright)
+    mask = segmenter(method, sample)(bright)
     assert np.mean(mask != box_mask(*HAND)) < 0.005
 
 
@@ -88,7 +75,7 @@ def test_background_methods_find_what_moves(method, rng):
         scene(rng, (4 * i % 50, 5 * i % 35, 20, 20)) if i % 7 else scene(rng) for i in range(60)
     ]
     images[3] = None
-    segment = segmenter(method, Frames(images))
+    segment = segmenter(method, frames(*images))
     box = (4 * 26 % 50, 5 * 26 % 35, 20, 20)
     image = scene(rng, box)
     first = segment(image)
@@ -101,5 +88,5 @@ def test_background_methods_find_what_moves(method, rng):
 
 def test_depth_range_is_in_metres_and_ignores_zero():
     depth = np.array([[0, 2999, 3000, 6000, 6001]], np.uint16)
-    segment = segmenter(DepthRange(near_m=0.3, far_m=0.6), Frames([]), unit_m=0.0001)
+    segment = segmenter(DepthRange(near_m=0.3, far_m=0.6), frames(), unit_m=0.0001)
     assert_array_equal(segment(depth), [[0, 0, 255, 255, 0]])

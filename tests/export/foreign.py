@@ -388,16 +388,11 @@ def nwb(kind: str, folder: Path) -> float:
         rows = [estimate.pose_estimation_series[name] for name in table.track.joint_names]
         points = np.stack([row.data[:] for row in rows], axis=1)
         assert (rows[0].confidence[LOST_ROW], rows[0].unit) == (0.0, "meters")
-        count, parameters = len(table.track), table.track.parameters
-        times = (
-            rows[0].timestamps[:]
-            if rows[0].rate is None
-            else rows[0].starting_time + np.arange(count) / rows[0].rate
-        )
+        times = rows[0].starting_time + np.arange(len(points)) / rows[0].rate
         assert_allclose(times, table.track.time_s)
         written_ = [module[f"parameters_{unit}"] for unit in ("meters", "radians")]
         values = np.concatenate([one.data[:] for one in written_], axis=1)
-        assert_allclose(values[~table.is_lost], parameters[~table.is_lost])
+        assert_allclose(values[~table.is_lost], table.track.parameters[~table.is_lost])
         links = estimate.skeleton.edges[:]
         assert len(links) >= len(rows) - 2
     return _worst_seen(points, table)

@@ -73,20 +73,10 @@ def test_it_passes_through_its_poses_within_limits(name):
 FOCAL, SIZE = 200.0, (101, 81)
 
 
-def camera(lens=(0.0,) * 5):
-    return pinhole("cam0", SIZE, FOCAL, lens=lens)
-
-
-def balls(*centres_radii):
-    count = len(centres_radii)
-    centre = np.array([c for c, _ in centres_radii], dtype=float)
-    radii = np.array([[r] * 3 for _, r in centres_radii], dtype=float)
-    return Ellipsoids(np.zeros(count, int), centre, np.tile(np.eye(3), (count, 1, 1)), radii)
-
-
 def test_a_ball_on_the_axis_is_a_disc_of_its_tangent_cone():
     """Radius r at distance d is seen under tan = r/√(d² − r²)."""
-    mask = render_mask(camera(), balls(((0, 0, 1.0), 0.1)))
+    ball = Ellipsoids(np.zeros(1, int), np.eye(3)[2:], np.eye(3)[None], np.full((1, 3), 0.1))
+    mask = render_mask(pinhole("cam0", SIZE, FOCAL), ball)
     assert mask.dtype == np.uint8
     v, u = np.mgrid[: SIZE[1], : SIZE[0]]
     reach = FOCAL * 0.1 / np.sqrt(1.0 - 0.01)

@@ -18,6 +18,7 @@ from tests.store.made import about, same
 from tests.tracking import test_appearance as by_images
 
 SCENE = scene(2, 100, (160, 120), range(8, 14))
+POSES = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
 
 
 def stored(folder: Path, steps: Sequence[Step]) -> list[Step]:
@@ -61,15 +62,13 @@ def check_every_cut(
     ("start", "frames"), [(2, range(1, 4)), (0, range(2, 4)), (5, range(3, 5))]
 )
 def test_a1_both_ways_from_inside_and_outside_of_the_range(tmp_path, start, frames):
-    poses = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
-    check_every_cut(tmp_path, Tracker(SCENE.model), SCENE.observations, poses, start, frames)
+    check_every_cut(tmp_path, Tracker(SCENE.model), SCENE.observations, POSES, start, frames)
 
 
 def test_a1_a_refined_recording_is_refined_again(tmp_path):
-    poses = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
     whole = TrackerSettings().with_values({"tracker.estimate": "whole"})
     tracker = Tracker(SCENE.model, whole)
-    results = check_every_cut(tmp_path, tracker, SCENE.observations, poses, 1, range(3))
+    results = check_every_cut(tmp_path, tracker, SCENE.observations, POSES, 1, range(3))
     assert len(results) == 6
 
 
