@@ -15,7 +15,8 @@ from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.state import Step
 from tests.experiments.scenes.closing_fist import scene
 from tests.store.made import about, same
-from tests.tracking import test_appearance as by_images
+from tests.tracking.test_appearance import BY_IMAGES, MODEL, observer
+from tests.tracking.test_appearance import POSES as BY_IMAGES_POSES
 
 SCENE = scene(2, 100, (160, 120), range(8, 14))
 POSES = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
@@ -90,7 +91,9 @@ def test_a1_hypotheses_are_carried_on(tmp_path):
 
 
 def test_a1_texture_is_carried_on(tmp_path):
-    seen = by_images._pictures()[:3]
-    tracker = Tracker(by_images.MODEL, by_images.BOTH)
-    results = check_every_cut(tmp_path, tracker, seen, list(by_images.MOTION), 0, range(3))
+    observe = observer()
+    seen = [observe(frame, None) for frame in range(3)]
+    results = check_every_cut(
+        tmp_path, Tracker(MODEL, BY_IMAGES), seen, BY_IMAGES_POSES, 0, range(3)
+    )
     assert "intensity" in results[2].energies
