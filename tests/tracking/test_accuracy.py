@@ -70,7 +70,7 @@ def test_a_real_hand_on_a_desk_is_near_marks_set_by_eye(data_dir):
     """Two cameras, forearm in view, size by keypoints alone (fitting it to masks: 5.7 px, slower)."""
     session = Session.open(data_dir / "sessions" / "desk_two_view")
     run = TrackingRun.open(session, {"model.fit_size": False, **QUICK})
-    track = run.result(run.track(range(18, 21), *run.initial()))
+    track = run.result(run.track(range(18, 20), *run.initial()))
     figures: Any = compare(track, session)
     assert run.forearm
     assert figures["landmarks"] == 21

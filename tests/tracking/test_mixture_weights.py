@@ -25,7 +25,6 @@ from handtrack.tracking.hypotheses.mixture_search import (
     MixtureObjective,
     NextHypotheses,
     coarse,
-    pulled,
     without_memory,
 )
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
@@ -245,16 +244,3 @@ def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
     camera, places = reference
     assert camera is first
     assert_allclose(places, pixels)
-
-
-def test_the_pull_is_the_belief_of_what_is_not_free():
-    """What may be anywhere is summed out: the pull on the others is that of their own covariance, correlations forgotten."""
-    covariance = 0.04 * (np.eye(6) + 0.5)
-    known = belief(np.full(6, 0.1), covariance)
-    x = np.linspace(-0.2, 0.3, 6)
-    for free in ((), (4, 5)):
-        (prior,) = pulled(BALL, frame(BALL), known, free).priors
-        others = [i for i in range(6) if i not in free]
-        bell = multivariate_normal(np.full(len(others), 0.1), covariance[np.ix_(others, others)])
-        expected = bell.logpdf(np.full(len(others), 0.1)) - bell.logpdf(x[others])
-        assert prior.cost(x) == pytest.approx(expected)

@@ -67,47 +67,32 @@ def test_the_longer_a_finger_is_hidden_the_less_is_known_of_it():
     assert std[:, 1].max() < 1.01 * std[0, 1]  # the wrist was never hidden
 
 
-STEP = 0.012
-
-
-def place(*frames, at):
-    """Return where the wrist is expected (x, in steps), having moved by one step between each two of these frames."""
-    previous = []
-    for n, (number, status) in enumerate(frames):
-        params = np.zeros(26)
-        params[0] = n * STEP
-        previous.append(frame(number, params, status))
-    return predict(MODEL, previous, at)[0] / STEP
-
-
-def seen(*numbers):
-    return [(number, Status.TRACKED) for number in numbers]
+T, D, L = Status.TRACKED, Status.DOUBTFUL, Status.LOST
 
 
 @pytest.mark.parametrize(
-    ("before", "last", "at", "expected"),
+    ("frames", "at", "expected"),
     [
-        (0, 1, 2, 2.0),
-        (0, 4, 8, 2.0),  # both spans at their longest
-        (0, 4, 5, 1.25),
-        (0, 1, 5, 5.0),
-        (0, 5, 6, 1.0),  # too far apart: the hand stays where it was
-        (0, 1, 6, 1.0),  # too long ago
-        (8, 4, 0, 2.0),  # backward in time
-        (9, 4, 3, 1.0),
-        (6, 5, 0, 1.0),
-        (0, 2, 1, 1.0),  # between both: they were not tracked in this direction
-        (0, 2, 2, 1.0),
-        (3, 3, 4, 1.0),
+        ({0: T, 1: T}, 2, 2.0),
+        ({0: T, 4: T}, 8, 2.0),  # both spans at their longest
+        ({0: T, 4: T}, 5, 1.25),
+        ({0: T, 1: T}, 5, 5.0),
+        ({0: T, 5: T}, 6, 1.0),  # too far apart: the hand stays where it was
+        ({0: T, 1: T}, 6, 1.0),  # too long ago
+        ({8: T, 4: T}, 0, 2.0),  # backward in time
+        ({9: T, 4: T}, 3, 1.0),
+        ({6: T, 5: T}, 0, 1.0),
+        ({0: T, 2: T}, 1, 1.0),  # between both: they were not tracked in this direction
+        ({0: T, 2: T}, 2, 1.0),
+        ({0: T, 1: T, 2: T, 3: L}, 4, 4.0),  # from frame 2 on, by a step a frame
+        ({0: L, 1: T}, 2, 1.0),
+        ({0: D, 1: D}, 2, 2.0),
     ],
 )
-def test_a_motion_goes_on_for_four_frames_and_no_longer(before, last, at, expected):
-    assert place(*seen(before, last), at=at) == pytest.approx(expected)
-
-
-def test_the_last_two_frames_with_a_pose_count():
-    frames = [*seen(0, 1, 2), (3, Status.LOST)]
-    assert place(*frames, at=4) == pytest.approx(2.0 + 2.0)  # from frame 2 on, by a step a frame
-    assert place((0, Status.LOST), *seen(1), at=2) == pytest.approx(1.0)
-    doubtful = [(0, Status.DOUBTFUL), (1, Status.DOUBTFUL)]
-    assert place(*doubtful, at=2) == pytest.approx(2.0)
+def test_a_motion_goes_on_for_four_frames_and_no_longer(frames, at, expected):
+    """The wrist has moved by one step (x, 12 mm) between each two of these frames."""
+    steps = 0.012 * np.eye(26)[0] * np.arange(len(frames))[:, None]
+    previous = [
+        frame(n, step, status) for (n, status), step in zip(frames.items(), steps, strict=True)
+    ]
+    assert predict(MODEL, previous, at)[0] / 0.012 == pytest.approx(expected)

@@ -37,10 +37,9 @@ def posed(pose="rest", turn=(0.0, 0.0, 0.0), away=(0.0, 0.0, 0.0)):
     return MODEL.transform.solver_params(joint)
 
 
-def first_of(seen, start=None):
+def first_of(seen):
     """Return the result of a first frame."""
-    begun = TrackerState.beginning_at(posed() if start is None else start)
-    return Tracker(MODEL, PLAIN).step(begun, seen)[1]
+    return Tracker(MODEL, PLAIN).step(TrackerState.beginning_at(posed()), seen)[1]
 
 
 def followed(settings, known, seen):
@@ -51,8 +50,7 @@ def followed(settings, known, seen):
 @pytest.fixture(scope="module")
 def known():
     """The result of a frame that was tracked."""
-    seen = mask_views(MODEL, posed(), RIG.cameras, 0)
-    return first_of(seen)
+    return first_of(mask_views(MODEL, posed(), RIG.cameras))
 
 
 @pytest.mark.parametrize("by", ["masks", "cloud"])
@@ -74,14 +72,19 @@ def test_a_hand_that_moved_on_unseen_is_found_again(rng, by):
     assert off_mm(jumps, MODEL, truth).mean() < 2.0
 
 
+def searched_for(known, seen):
+    """Return the result of the frame after a known one, and in which situations something was looked for."""
+    found = []
+    control = Control(on_search=lambda report: found.append(report.search.situation))
+    return Tracker(MODEL, JUMPS).step(TrackerState.resumed([known]), seen, control)[1], found
+
+
 @pytest.mark.parametrize("spoil", [np.ones_like, lambda mask: 1 - mask], ids=["white", "inverted"])
 def test_masks_that_outline_nothing_are_not_searched_and_the_frame_says_so(known, spoil):
     good = mask_views(MODEL, posed(), RIG.cameras, 1)
     spoilt = [replace(one, mask=spoil(one.mask)) for one in good.silhouettes]
-    searched = []
-    control = Control(on_search=lambda report: searched.append(report.search.situation))
     seen = replace(good, silhouettes=tuple(spoilt))
-    result = Tracker(MODEL, JUMPS).step(TrackerState.resumed([known]), seen, control)[1]
+    result, searched = searched_for(known, seen)
     assert result.status == Status.LOST
     assert result.reason.kind == "filled mask"
     assert lost_hand.LOST_HAND.situation not in searched
@@ -95,18 +98,13 @@ def test_a_hand_whose_joints_two_cameras_see_there_is_not_lost_nor_looked_for(kn
     good = mask_views(MODEL, posed(), RIG.cameras, 1)
     beside = np.zeros_like(good.silhouettes[0].mask)
     beside[:80, :100] = 1.0  # something else of skin's colour
-    spoilt = [replace(one, mask=np.maximum(one.mask, beside)) for one in good.silhouettes]
+    spoilt = tuple(replace(one, mask=np.maximum(one.mask, beside)) for one in good.silhouettes)
     joints = joints_seen(RIG.cameras, MODEL.keypoints21(MODEL.bones(posed())))
-
-    def looked_for(*seen_joints):
-        found = []
-        control = Control(on_search=lambda report: found.append(report.search.situation))
-        seen = replace(good, silhouettes=tuple(spoilt), keypoints=seen_joints)
-        result = Tracker(MODEL, JUMPS).step(TrackerState.resumed([known]), seen, control)[1]
-        return lost_hand.LOST_HAND.situation in found, result.status
-
-    assert looked_for(joints[0]) == (True, Status.LOST)
-    assert looked_for(*joints[:2]) == (False, Status.DOUBTFUL)
+    for cameras, status in ((1, Status.LOST), (2, Status.DOUBTFUL)):
+        seen = replace(good, silhouettes=spoilt, keypoints=joints[:cameras])
+        result, searched = searched_for(known, seen)
+        assert result.status == status
+        assert (lost_hand.LOST_HAND.situation in searched) == (status == Status.LOST)
 
 
 def tried(said):

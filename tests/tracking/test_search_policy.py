@@ -1,9 +1,6 @@
 """Rounds of a search: propose, thin, fit; a pose is taken only if it is better by the row's gain."""
 
-from types import SimpleNamespace
-
 import numpy as np
-import pytest
 
 from handtrack import load_model
 from handtrack.tracking.frame.control import Control
@@ -79,16 +76,3 @@ def test_it_goes_on_from_a_better_pose_as_often_as_the_row_says():
     search = Search("a line", "", rounds, "distance", repeats=3)
     improved(search, Line(told.append), candidate(9.0), 7, "asked")
     assert [report.winner is not None for report in told] == [True, False]
-
-
-@pytest.mark.parametrize(("costs", "made"), [((5, 4, 3), 3), ((5, 4.5, 3), 2), ((5, 6, 3), 2)])
-def test_a_round_is_made_again_while_its_best_is_better_by_the_margin(costs, made):
-    """Margin 0.9: 5 → 4 is better, 4.5 is not; and never more often than the row says."""
-    left, tried = list(costs), []
-
-    def more(objective, found, most):
-        return [SimpleNamespace(cost=left.pop(0), origin="more")]
-
-    search = Search("", "", (Round(((more, 0),), adds=True, times=3),), "", margin=0.9)
-    found = run_rounds(search, SimpleNamespace(), (), tried=tried)
-    assert len(tried) == made and [c.cost for c in found] == list(costs[:made])

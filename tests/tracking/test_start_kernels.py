@@ -1,64 +1,62 @@
 """What a search for the first pose goes by: compiled scores of laid shapes, and what all silhouettes agree on."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
 from handtrack import Silhouette, load_model
-from handtrack.geometry.rotation import spread_rotations
+from handtrack.geometry.rotation import rotation_matrix, spread_rotations
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
 from handtrack.tracking.search.evidence.hand_shapes import palm_middle, shape_of
 from handtrack.tracking.search.evidence.silhouette_evidence import (
-    _STEP_PX,
     silhouette_evidence,
     visual_hull,
 )
-from tests.tracking.scenes import on_surface
-from tests.tracking.start_reference import cloud_score, silhouette_score
 
 MODEL = load_model()
-PARAMS = MODEL.rest_params() + np.array([0.0, -0.09, 0.0, 0.4, -0.3, 0.2, *[0.1] * 20])
+PARAMS = MODEL.clipped(
+    named_pose(MODEL, "curl") + np.r_[0.0, -0.09, 0.0, 0.4, -0.3, 0.2, np.zeros(20)]
+)
 SHAPE = shape_of(MODEL, named_pose(MODEL, "curl"), "curl")
-TURNS = spread_rotations(5)
 SEEN = mask_views(MODEL, PARAMS, simulated_rig(3, (320, 240)).cameras).silhouettes
 JOINTS = MODEL.joint_positions(MODEL.bones(PARAMS))
 
 
-@pytest.fixture(scope="module")
-def places():
-    middle = palm_middle(MODEL, PARAMS)
-    return middle + np.array([[0.0, 0.0, 0.0], [0.03, -0.02, 0.01], [0.2, 0.1, 0.0]])
+TRUE_TURN = rotation_matrix(PARAMS[3:6])
+TURNS = np.concatenate([TRUE_TURN[None], spread_rotations(5)])
+PLACES = palm_middle(MODEL, PARAMS) + np.array(
+    [[0.0, 0.0, 0.0], [0.02, -0.02, 0.01], [0.6, 0.1, 0.0]]
+)
 
 
-def test_scores_of_clouds(rng, places):
-    points, _ = on_surface(MODEL, PARAMS, 3000, rng)
-    start = cloud_evidence(points, ())
-    found = start.scores(SHAPE, TURNS, places)
-    every = np.ones(len(SHAPE.points), bool)
-    expected = [[cloud_score(start, SHAPE, r, p, every) for p in places] for r in TURNS]
-    # a coordinate may round across a node between float orders of summing
-    assert found == pytest.approx(np.array(expected), abs=2e-3)
-    assert found.min() > 0.05  # nothing here fits well
+def test_the_right_turn_and_place_score_best_in_a_cloud_and_none_where_nothing_is():
+    """The share of area that cloud and shape do not have in common, of half of the shape's points and of all of them."""
+    own = (SHAPE.points - SHAPE.middle) @ TRUE_TURN.T
+    whole, half = (
+        cloud_evidence(PLACES[0] + some, ()).scores(SHAPE, TURNS, PLACES)
+        for some in (own, own[own[:, 1] > np.median(own[:, 1])])
+    )
+    for found in (whole, half):
+        assert np.unravel_index(found.argmin(), found.shape) == (0, 0)
+        assert found[:, 2] == pytest.approx(1.0)
+        assert found[0, 1] > found[0, 0] + 0.05
+    assert whole[0, 0] < 0.06
+    assert half[0, 0] == pytest.approx(1 / 3, abs=0.08), "one half of one and a half"
 
 
-def test_scores_of_silhouettes(places):
+def test_the_right_turn_and_place_score_best_in_silhouettes():
     start = silhouette_evidence(SEEN)
-    found = start.scores(SHAPE, TURNS, places)
-    outside, sizes = start._pictures
-    samples, begin, areas = start._samples
-    cameras = [s.camera for s in start._scored]
-    far = [o[: size[1], : size[0]] for o, size in zip(outside, sizes, strict=True)]
-    each = [samples[a:b] for a, b in pairwise(begin)]
-    expected = [
-        [silhouette_score(cameras, far, _STEP_PX, each, areas, SHAPE, r, p) for p in places]
-        for r in TURNS
-    ]
-    assert found == pytest.approx(np.array(expected), abs=2e-3)
-    low = start.scores(SHAPE, TURNS, places, enough=0.2)
+    found = start.scores(SHAPE, TURNS, PLACES)
+    assert np.unravel_index(found.argmin(), found.shape) == (0, 0)
+    assert found[0, 0] < 0.06
+    assert found[0, 1] > found[0, 0] + 0.05
+    fist = shape_of(
+        MODEL, named_pose(MODEL, "fist"), "fist"
+    )  # without what the masks show of fingers
+    assert start.scores(fist, TURNS[:1], PLACES[:1]) > found[0, 0] + 0.05
+    low = start.scores(SHAPE, TURNS, PLACES, enough=0.2)
     sure = low <= 0.2
     assert (low[sure] == found[sure]).all()
     assert (found[~sure] > 0.2).all(), "what is given up is worse than enough"

@@ -1,4 +1,4 @@
-"""Compiled scores of rigid shapes laid everywhere. The plain forms: tests/tracking/start_reference.py."""
+"""Compiled scores of rigid shapes laid everywhere."""
 
 from __future__ import annotations
 
