@@ -13,7 +13,7 @@ from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 
-FRAMES, HAND, WALL = 3, 1500, 400
+HAND, WALL = 1500, 400
 SKIN, GREY = (200, 140, 110), (120, 120, 120)
 BOX = (40, 20, 16, 20)
 """x, y, w, h [px] of the skin in the images"""
@@ -46,8 +46,8 @@ def start() -> Floats:
     return load_model("hand26").rest_params()
 
 
-def cloudy_session(folder: Path) -> Path:
-    """Write the recording into a folder and return it."""
+def cloudy_session(folder: Path, frames: int = 3, more: str = "") -> Path:
+    """Write the recording into a folder and return it. more: settings."""
     rng = np.random.default_rng(7)
     matrix = np.array([[150.0, 0, 47.5], [0, 150.0, 35.5], [0, 0, 1.0]])
     turned = np.diag([1.0, -1.0, -1.0])
@@ -56,19 +56,19 @@ def cloudy_session(folder: Path) -> Path:
         for i in range(2)
     )
     write_rig(folder / "calibration.toml", CameraRig(cameras))
-    (folder / "session.toml").write_text(SETTINGS)
+    (folder / "session.toml").write_text(SETTINGS + more)
     texture = rng.integers(0, 40, (72, 96, 3), dtype=np.uint8)
     texture[BOX[1] : BOX[1] + BOX[3], BOX[0] : BOX[0] + BOX[2]] += np.uint8(SKIN[::-1]) - 20
     for i in range(2):
         (folder / f"cam{i}").mkdir()
-        for frame in range(FRAMES):
+        for frame in range(frames):
             cv2.imwrite(str(folder / f"cam{i}" / f"{frame:03d}.png"), np.roll(texture, -18 * i, 1))
     model = load_model("hand26")
     points, _ = sample_surface(MetaballSurface.of(model), model.bones(start()), HAND, rng)
     wall = np.column_stack([rng.uniform(-0.2, 0.2, (WALL, 2)), np.full(WALL, -0.4)])
     colors = np.repeat(np.uint8([SKIN, GREY]), [HAND, WALL], axis=0)
     (folder / "clouds").mkdir()
-    for frame in range(FRAMES):
+    for frame in range(frames):
         cloud = PointCloud(np.vstack([points, wall]), colors)
         write_cloud(folder / "clouds" / f"{frame:03d}.npz", cloud)
     values = dict(zip(model.parameter_names, model.joint_params(start()).tolist(), strict=True))

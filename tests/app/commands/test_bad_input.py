@@ -14,8 +14,8 @@ import pytest
 
 from handtrack import PointCloud, bundled_session, read_npz
 from handtrack.capture.clouds.cloud_files import write_cloud
-from tests.app.cloud_session import cloud_file, cloud_recording
-from tests.app.command_line import FRAMES, SIZE, listing, refused
+from tests.app.cloudy_session import cloudy_session
+from tests.app.command_line import FRAMES, QUICK, SIZE, listing, refused
 from tests.session.small_session import edit
 from tests.session.test_hostile_sessions import contains
 
@@ -112,15 +112,16 @@ def test_a_recording_that_is_shorter_than_its_video_says_is_tracked_to_its_end(
 
 
 def test_bad_clouds_are_lost_frames_and_no_more(handtrack, tmp_path):
-    folder = cloud_recording(tmp_path / "session")
-    np.savez(cloud_file(folder, 1), points=np.zeros((0, 3)))
-    np.savez(cloud_file(folder, 3), points=np.tile([[np.nan], [np.inf], [-np.inf]], (700, 3)))
-    cloud_file(folder, 4).unlink()
-    path = folder / "clouds/004.ply"
+    clouds = cloudy_session(tmp_path, FRAMES, QUICK) / "clouds"
+    edit(tmp_path / "session.toml", "forearm = false", "forearm = false\nscale = 1.0")
+    np.savez(clouds / "001.npz", points=np.zeros((0, 3)))
+    np.savez(clouds / "003.npz", points=np.tile([[np.nan], [np.inf], [-np.inf]], (700, 3)))
+    path = (clouds / "004.npz").rename(clouds / "004.ply")
     write_cloud(path, PointCloud(np.zeros((1000, 3))))
     path.write_bytes(path.read_bytes()[:5000])
-    ended = handtrack.does("track", folder)
-    track = read_npz(folder / "tracks/poses.npz")
+    edit(tmp_path / "session.toml", "clouds/*.npz", "clouds/*")
+    ended = handtrack.does("track", tmp_path)
+    track = read_npz(tmp_path / "tracks/poses.npz")
     assert track.status.tolist() == [0, 2, 0, 2, 2]
     assert np.isfinite(track.parameters).all()
     contains(ended.err, "2100 of 2100 points", "004.ply")

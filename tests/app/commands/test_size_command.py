@@ -125,12 +125,8 @@ def test_a_size_that_is_fitted_later_is_told_and_its_interruption_keeps_what_was
     assert json.loads(track.scale)["overall"] == pytest.approx(LARGER, rel=0.015)
 
 
-@pytest.fixture(scope="module")
-def person(tmp_path_factory):
-    return film(tmp_path_factory.mktemp("person") / "session", frames=8, hand={"scale": "fit"}).folder  # fmt: skip
-
-
-def test_a_persons_size_is_saved(handtrack, person):
+def test_a_persons_size_is_saved(handtrack, tmp_path):
+    person = film(tmp_path / "session", frames=8, hand={"scale": "fit"}).folder
     ended = handtrack.does("size", person, "--init", "auto", "--count", "6")
     saved = person / "body.json"
     assert re.search(r"\+\d\.\d ± \d\.\d %, trunk", ended.out)

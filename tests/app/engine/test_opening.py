@@ -4,7 +4,6 @@ is tracked already, and plays."""
 import threading
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
 import handtrack.session.sources.video_audits as video_audits
@@ -93,12 +92,11 @@ def test_the_preview_lays_the_hand_on_the_first_pose_without_a_fit(tmp_path, mon
     assert np.linalg.norm(shown - keypoints(), axis=1).mean() < 0.03
 
 
-def counted_later(folder, monkeypatch):
-    """Return a worker that shows a session whose cut video is counted once the event is set."""
-    make_session(folder)
-    edit(folder / "session.toml", 'images = "cam0/*.png"', 'images = "cam0.avi"')
-    write_video(folder / "cam0.avi")
-    cut(folder / "cam0.avi")
+def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
+    make_session(tmp_path)
+    edit(tmp_path / "session.toml", 'images = "cam0/*.png"', 'images = "cam0.avi"')
+    write_video(tmp_path / "cam0.avi")
+    cut(tmp_path / "cam0.avi")
     may_count, audited = threading.Event(), video_audits.VideoFile.audited
 
     def waiting(video):
@@ -106,15 +104,8 @@ def counted_later(folder, monkeypatch):
         return audited(video)
 
     monkeypatch.setattr(video_audits.VideoFile, "audited", waiting)
-    return (
-        EngineInThreads(EnginePlan(folder, preview=False), (listener := Listener()).publish),
-        listener,
-        may_count,
-    )
-
-
-def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
-    worker, listener, may_count = counted_later(tmp_path, monkeypatch)
+    listener = Listener()
+    worker = EngineInThreads(EnginePlan(tmp_path, preview=False), listener.publish)
     worker.start()
     assert listener.wait(snapshots.SessionSnapshot).stop == ANNOUNCED
     may_count.set()
@@ -134,18 +125,13 @@ def test_images_alone_are_nothing_to_track_by_until_edges_count(tmp_path):
     assert nothing_seen(run) and not nothing_seen(run.with_values({"edges.weight": 1.0}))
 
 
-@pytest.fixture
-def shelf(tmp_path, monkeypatch):
-    folder = tmp_path / "checkout"
-    (folder / "fist" / "tracks").mkdir(parents=True)
-    (folder / "fist" / "session.toml").write_text("[session]")
-    (folder / "fist" / "tracks" / "journal.jsonl").write_text("old")
-    monkeypatch.setattr(bundled, "_CHECKOUT", folder)
+def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(tmp_path, monkeypatch):
+    shelf = tmp_path / "checkout"
+    (shelf / "fist" / "tracks").mkdir(parents=True)
+    (shelf / "fist" / "session.toml").write_text("[session]")
+    (shelf / "fist" / "tracks" / "journal.jsonl").write_text("old")
+    monkeypatch.setattr(bundled, "_CHECKOUT", shelf)
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
-    return folder
-
-
-def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(shelf, tmp_path):
     copy = working_folder(shelf / "fist")
     assert copy.parent == tmp_path / "home" / "sessions" and copy.name.startswith("fist-")
     assert [p.name for p in copy.iterdir()] == ["session.toml"]

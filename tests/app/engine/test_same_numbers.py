@@ -24,7 +24,7 @@ FRAMES = 4
 @pytest.fixture
 def folder(tmp_path):
     """The first frames of a recording of another hand, whose size is to be fitted."""
-    return small_recording(tmp_path / "session", "another_hand", FRAMES, more="")
+    return small_recording(tmp_path / "session", "another_hand", FRAMES)
 
 
 def tracked_by(worker, seen):

@@ -12,7 +12,7 @@ from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed
 
 
-def test_a2_the_second_sees_all_and_writes_nothing(tmp_path):
+def test_a2_c43_the_second_sees_all_and_writes_nothing_until_it_takes_over(tmp_path):
     first = opened(tmp_path)
     posed(first, 5)
     second = opened(tmp_path)
@@ -25,27 +25,14 @@ def test_a2_the_second_sees_all_and_writes_nothing(tmp_path):
             save(second)
     second.close()
     assert listing(tmp_path) == before
-    posed(first, 8)
-    first.close()
-    third = opened(tmp_path)
-    assert sorted(third.document.by_hand) == [5, 8]
+    third = Persistence.open(fake_document(tmp_path), take_over=True)
+    third.restore()
+    assert third.warning == ""
+    posed(third, 8)
+    for left in (lambda: posed(first, 9), first.close):
+        with pytest.raises(HandtrackError):
+            left()
     third.close()
-
-
-def test_c43_a_second_workbench_that_takes_over_writes_and_the_first_is_told(
-    tmp_path,
-):
-    first = opened(tmp_path)
-    posed(first, 5)
-    second = Persistence.open(fake_document(tmp_path), take_over=True)
-    second.restore()
-    assert second.warning == ""
-    posed(second, 7)
-    with pytest.raises(HandtrackError):
-        posed(first, 8)
-    with pytest.raises(HandtrackError):
-        first.close()
-    second.close()
-    third = opened(tmp_path)
-    assert sorted(third.document.by_hand) == [5, 7]
-    third.close()
+    last = opened(tmp_path)
+    assert sorted(last.document.by_hand) == [5, 8]
+    last.close()

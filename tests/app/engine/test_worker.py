@@ -177,26 +177,20 @@ def test_the_size_is_fitted_before_the_first_tracking_in_sight_and_cancelled_at_
         assert len(sized()) == 1
 
 
-@pytest.fixture
-def sized_later(tmp_path):
+def test_the_size_is_fitted_after_tracking_and_all_is_tracked_again(tmp_path):
     for worker, listener in a_desk(tmp_path, size_pending=True, step_s=0.0):
         worker.engine.set_setting("model.fit_size", "later")
-        yield worker, listener
-
-
-def test_the_size_is_fitted_after_tracking_and_all_is_tracked_again(sized_later):
-    worker, listener = sized_later
-    worker.engine.set_pose(8, pose_with(listener, index_mcp_flex=0.3), 1)
-    worker.engine.track(0, FRAMES, 3, anew=True)
-    listener.told("Tracking finished")
-    titles = [notice.title for notice in listener.notices]
-    assert titles == ["Size fitted", "Tracking finished"]
-    document = worker.document
-    assert document.run.scale == HandScale(1.1) and not document.size.pending
-    assert [span.take for span in document.laid][-1] == 2, "all is tracked again with it"
-    assert sorted(document.results) == [f for f in range(FRAMES) if f != 8]
-    index = document.model.parameter_names.index("index_mcp_flex")
-    assert document.by_hand[8][index] == pytest.approx(0.3), "a pose set by hand is not lost"
+        worker.engine.set_pose(8, pose_with(listener, index_mcp_flex=0.3), 1)
+        worker.engine.track(0, FRAMES, 3, anew=True)
+        listener.told("Tracking finished")
+        titles = [notice.title for notice in listener.notices]
+        assert titles == ["Size fitted", "Tracking finished"]
+        document = worker.document
+        assert document.run.scale == HandScale(1.1) and not document.size.pending
+        assert [span.take for span in document.laid][-1] == 2, "all is tracked again with it"
+        assert sorted(document.results) == [f for f in range(FRAMES) if f != 8]
+        index = document.model.parameter_names.index("index_mcp_flex")
+        assert document.by_hand[8][index] == pytest.approx(0.3), "a pose set by hand is not lost"
 
 
 def test_c66_without_any_keyframe_all_goes_on_and_forgetting_is_undone_after_a_restart(

@@ -2,34 +2,26 @@
 
 import shutil
 
-import pytest
-
 from handtrack import read_npz
 from handtrack.simulation.simulate import Simulation, simulate
-from handtrack_app.cli import main
-from handtrack_app.commands import track
 from tests.app.command_line import QUICK
-from tests.app.commands.test_interrupts import Interrupter
+from tests.app.commands.test_interrupts import interrupted
 from tests.app.desk import shown
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.session.small_session import edit
 
 
-@pytest.fixture
-def cancelled(tmp_path):
-    """A recording in which an arm is seen, tracked until Ctrl-C after its first frame."""
+def test_what_was_tracked_is_there_and_shown_by_a_button_where_it_does_not_fit(
+    handtrack, tmp_path, monkeypatch
+):
+    """A recording in which an arm is seen was tracked until Ctrl-C after its first frame."""
     what = Simulation(frames=2, size=(320, 240), forearm=True, images=False)
-    session = simulate(tmp_path / "session", what)
-    with (session / "session.toml").open("a") as file:
+    cancelled = simulate(tmp_path / "session", what)
+    with (cancelled / "session.toml").open("a") as file:
         file.write(QUICK)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(track, "progress_bar", lambda *_: Interrupter(1))
-        assert main(["track", str(session)]) == 130
-    return session
-
-
-def test_what_was_tracked_is_there_and_shown_by_a_button_where_it_does_not_fit(cancelled, tmp_path):
+    with interrupted(monkeypatch, 1):
+        assert handtrack("track", cancelled).code == 130
     frames = read_npz(cancelled / "tracks/poses.npz").frame.tolist()
     assert "wrist_flex" in read_npz(cancelled / "tracks/poses.npz").parameter_names
     other = shutil.copytree(cancelled, tmp_path / "other")

@@ -46,7 +46,7 @@ class Editor:
     def edit(self):
         """Do one thing."""
         rng = self.rng
-        rng.choice((self._pose, self._pose, self._pin, self._setting, self._limits, self._accept))()
+        rng.choice((self._pose, self._pose, self._pin, self._setting, self._accept))()
 
     def _pose(self):
         frame, bend = rng_frame(self.rng), round(self.rng.uniform(0.1, 1.0), 4)
@@ -65,11 +65,6 @@ class Editor:
         value = round(self.rng.uniform(2.0, 9.0), 3)
         self._send("set_setting", name, value)
         self._expect(f"setting/{name}", value)
-
-    def _limits(self):
-        interval = (-0.5, round(self.rng.uniform(1.2, 1.7), 3))
-        self._send("set_limits", "ring_pip_flex", interval)
-        self._expect("limits/ring_pip_flex", [*interval])
 
     def _accept(self):
         """Accept a frame or let it go; at times that is undone: one step too many or too few would show."""

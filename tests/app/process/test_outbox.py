@@ -49,16 +49,6 @@ def test_calls_that_may_have_ended_an_engine_are_repeated_one_by_one():
     assert len(pipe.sent) == 1
 
 
-def test_a_pose_repeated_is_no_older_than_what_the_engine_is_told():
-    pipe = Pipe()
-    pipe.pose(7, 1)
-    pipe.put("take_pose", 6, "start", 5)
-    pipe.begins_again()
-    pipe.pose(8, 6)
-    assert [one.arguments["version"] for one in pipe.sent] == [5, 5, 6]
-    assert pipe.outbox.version == 5
-
-
 def test_a_drag_is_kept_once_and_nothing_is_moved_past_a_step():
     pipe = Pipe()
     for version in range(1, 9):

@@ -16,7 +16,7 @@ from handtrack_app.commands import track
 from handtrack_app.rerun import recorder as residual_recorder
 from handtrack_app.rerun.recorder import LiveRecorder, ResidualRecorder
 from handtrack_app.rerun.stream import log_cameras, log_space
-from tests.app.cloud_session import cloud_recording
+from tests.app.cloudy_session import cloudy_session
 from tests.app.command_line import CommandLine, small_recording
 from tests.app.desk import a_desk
 from tests.app.rerun.test_stream import chunks, picture, scalars
@@ -188,12 +188,11 @@ def signed(colours):
 
 def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path):
     """Signed distances at the points' pixels; and the model where the cloud is empty."""
-    folder = cloud_recording(tmp_path / "cloud")
-    run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
+    run = TrackingRun.open(Session.open(cloudy_session(tmp_path)), {"model.fit_size": False})
     model, camera = run.model, run.session.rig.cameras[0]
     result = next(iter(run.track(range(1), *run.initial())))
     moved = result.parameters.copy()
-    moved[model.parameter_names.index("index_mcp_flex")] += 0.5  # away from its points
+    moved[model.parameter_names.index("index_mcp_flex")] -= 0.5  # away from its points
     recorder = ResidualRecorder(run, path=tmp_path / "run.rrd")
     recorder.show(replace(result, parameters=moved))
     recorder.close()
