@@ -23,7 +23,13 @@ from handtrack.model.articulated import (
 )
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
-from handtrack.model.size import hand_length_mm, is_unmeasured, unmeasured_size, without_forearm_end
+from handtrack.model.size import (
+    FOREARM_END,
+    hand_length_mm,
+    is_unmeasured,
+    unmeasured_size,
+    without_forearm_end,
+)
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.parallel import in_parallel
 from handtrack.session.clouds_settings import CloudSettings
@@ -177,7 +183,8 @@ class TrackingRun:
 
     def with_arm_of(self, tracked: Iterable[FrameResult]) -> TrackingRun:
         """Return the run whose forearm is as long as tracked frames, spread evenly, show it: none, a cuff, or a whole one. The same
-        where they show about that, or nothing, or where it is not left to the program.
+        where they show about that, or nothing, or where it is not left to the program; and where the forearm's end was found
+        with the shape, of which masks along an axis tell less.
         """
         posed = sorted((r for r in tracked if r.status != Status.LOST), key=lambda r: r.frame)
         done = [r for r in posed if r.status == Status.TRACKED] or posed
@@ -187,14 +194,10 @@ class TrackingRun:
         solver = self.model.transform.solver_params
         posed = ((solver(done[i].parameters), self.observation_of(done[i])) for i in spread)
         arm_m, before = forearm_in_view(self.model, posed), self.arm_m
-        if 0 < before < np.inf:
-            at = self.model.skeleton.bone("forearm")
-            before = self.model.skeleton.length[at] / self.scale.factor("forearm")
-        if (
-            arm_m is None
-            or arm_m == before
-            or (abs(arm_m - before) < _ARM_ERROR_M and min(arm_m, before) > 0)
-        ):
+        if arm_m is None or arm_m == before:
+            return self
+        is_end_known = FOREARM_END in self.scale.proportions or abs(arm_m - before) < _ARM_ERROR_M
+        if min(arm_m, before) > 0 and is_end_known:
             return self
         return replace(self, arm_m=arm_m).with_scale(without_forearm_end(self.scale))
 

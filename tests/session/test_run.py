@@ -22,7 +22,7 @@ from handtrack import (
     load_model,
 )
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.size import POPULATION_SIGMA, hand_length_mm
+from handtrack.model.size import FOREARM_END, POPULATION_SIGMA, hand_length_mm
 from handtrack.session.ineffective_settings import ineffective_settings
 from handtrack.session.run import person_to_fit, size_of_frames, tracked_for_size
 from handtrack.session.session_file import CameraSettings
@@ -82,7 +82,13 @@ def test_all_frames_say_whether_there_is_an_arm(tmp_path, arm):
     found = list(run.track(range(5), *run.initial()))
     right = run.with_arm_of(found)
     assert right.forearm is arm
-    assert right.with_arm_of(list(right.track(range(4), *right.initial()))) is right
+    seen = list(right.track(range(4), *right.initial()))
+    assert right.with_arm_of(seen) is right
+    if arm:
+        cuffed = right.with_forearm(0.03)
+        assert cuffed.with_arm_of(seen).arm_m == right.arm_m
+        ends = cuffed.with_scale(replace(cuffed.scale, proportions={FOREARM_END: 1.0}))
+        assert ends.with_arm_of(seen) is ends, "its end was found with the shape"
     asked = run.with_values({"model.forearm": str(not arm).lower()})
     assert asked.with_arm_of(found) is asked
 

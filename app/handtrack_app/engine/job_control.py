@@ -499,7 +499,7 @@ class JobControl:
     def _pass_began(self, job: BackgroundJob, began: PassBegan) -> None:
         """Begin a take; it is of the size that may just have been found."""
         self._store.end_take(finished=False)
-        self._given = RefinedWith.of(self._document)
+        self._moves, self._given = {}, RefinedWith.of(self._document)
         start = began.segments[0]
         try:
             self._store.begin_take(began.frames, start.first, start.params, _fixed(job))
