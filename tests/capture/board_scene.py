@@ -21,15 +21,15 @@ def looking_at(name, size, focal, centre, target, distortions=(0, 0, 0, 0, 0)) -
     )
 
 
-def board_poses(board: Board, count: int, rng, distance=0.45, tilt=0.55, spread=0.05):
-    """Return T_world_board (4, 4) of a board waved about (0, 0, distance), its front to the cameras."""
+def board_poses(board: Board, count: int, rng, spread=0.05):
+    """Return T_world_board (4, 4) of a board waved about (0, 0, 0.45), its front to the cameras."""
     middle = np.append(board.points[:, :2].mean(axis=0), 0)
     poses = []
     for _ in range(count):
         pose = np.eye(4)
-        turn = np.append(rng.uniform(-tilt, tilt, 2), rng.uniform(-0.35, 0.35))
+        turn = np.append(rng.uniform(-0.55, 0.55, 2), rng.uniform(-0.35, 0.35))
         pose[:3, :3] = rotation_matrix(turn)
-        place = np.array([0, 0, distance]) + rng.uniform(-1, 1, 3) * [spread, spread, 1.4 * spread]
+        place = np.array([0, 0, 0.45]) + rng.uniform(-1, 1, 3) * [spread, spread, 1.4 * spread]
         pose[:3, 3] = place - pose[:3, :3] @ middle
         poses.append(pose)
     return poses
@@ -40,7 +40,7 @@ def seen_pixels(camera: Camera, board: Board, pose) -> np.ndarray:
     return camera.project(board.points @ pose[:3, :3].T + pose[:3, 3])
 
 
-def photograph(camera: Camera, board: CharucoBoard, pose, rng, noise=2.0) -> np.ndarray:
+def photograph(camera: Camera, board: CharucoBoard, pose, rng) -> np.ndarray:
     """Return the image (H, W) uint8 of a board at T_world_board by a camera without distortion."""
     page, pixel = draw_board(board, _PER_MM), 1e-3 / _PER_MM
     margin = 0.5e-3 * page_size_mm(board)[0] - 0.5 * board.squares[0] * board.square_m
@@ -52,12 +52,12 @@ def photograph(camera: Camera, board: CharucoBoard, pose, rng, noise=2.0) -> np.
         page, twice @ camera.matrix @ seen @ to_board, (2 * width, 2 * height), borderValue=120
     )  # fmt: skip
     image = 0.8 * cv2.resize(fine, camera.size, interpolation=cv2.INTER_AREA) + 20
-    return np.clip(np.round(rng.normal(image, noise)), 0, 255).astype(np.uint8)
+    return np.clip(np.round(rng.normal(image, 2.0)), 0, 255).astype(np.uint8)
 
 
-def three_cameras(size=(480, 360)) -> CameraRig:
+def three_cameras() -> CameraRig:
     """Return a rig of three distorted cameras about 45 cm from where boards are waved."""
-    middle = (0, 0, 0.45)
+    size, middle = (480, 360), (0, 0, 0.45)
     return CameraRig(
         (
             looking_at("a", size, 430, (-0.12, 0.0, 0.0), middle, (-0.2, 0.06, 1e-3, -5e-4, 0.0)),

@@ -11,9 +11,9 @@ from handtrack.capture.images.openpose import LAYOUTS, read_openpose, write_hand
 BODY = LAYOUTS["body_25"]
 
 
-def _person(height, key="pose_keypoints_2d", count=25):
-    points = np.column_stack([np.arange(count), np.linspace(0, height, count), np.full(count, 0.9)])
-    return {key: points.ravel().tolist()}
+def _person(height):
+    points = np.column_stack([np.arange(25), np.linspace(0, height, 25), np.full(25, 0.9)])
+    return {"pose_keypoints_2d": points.ravel().tolist()}
 
 
 def _write(path, people):

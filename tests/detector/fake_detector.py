@@ -11,10 +11,9 @@ from tests.session.small_session import keypoints
 _REACH = 0.6  # of a region's side: how far from its centre a hand may be and still be in it
 
 
-def hand_at(x: float, y: float, size: float = 40.0, right: float = 0.99) -> DetectedHand:
+def hand_at(x: float, y: float) -> DetectedHand:
     """Return an open hand around a pixel."""
-    points = keypoints()[:, :2] * size / 0.15 + np.array([x, y])
-    return DetectedHand(points, 0.9, right)
+    return DetectedHand(keypoints()[:, :2] * 40.0 / 0.15 + (x, y), 0.9, 0.99)
 
 
 class FakeDetector:

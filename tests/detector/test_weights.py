@@ -84,11 +84,11 @@ def test_only_known_networks_are_installed(tmp_path, monkeypatch):
     assert read_weights(installed_weights()).is_known
 
 
-def wheel(folder: Path, content: bytes = NETWORK) -> Path:
+def wheel(folder: Path) -> Path:
     """A package as pip would download it, with networks where MediaPipe has them."""
     folder.mkdir()
     path = folder / "mediapipe-0.10.21-cp311-cp311-manylinux_2_28_x86_64.whl"
-    task(path, (module._PALM[1], module._LANDMARKS[1]), content)
+    task(path, (module._PALM[1], module._LANDMARKS[1]))
     about = "mediapipe-0.10.21.dist-info"
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr(

@@ -1,7 +1,7 @@
 """A person in a small recording: what a detector sees of their joints in a few cameras, and nothing else."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.images.openpose import LAYOUTS, write_points
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.simulation.motion import motion as named_motion
-from tests.cameras import FACING, pinhole, turned
+from tests.cameras import FACING, pinhole
 
 LAYOUT = LAYOUTS["body_25b"]
 FPS = 25.0
@@ -44,12 +44,10 @@ def film(
     cameras: int = 3,
     frames: int = 12,
     person: HandScale = PERSON,
-    noise_px: float = 2.0,
-    turned_deg: Sequence[float] = (),
     hand: Mapping[str, object] | None = None,
     motion: str = "dance",
 ) -> Filmed:
-    """Write a session of a person before cameras 4 m away, 60° from each other. turned_deg: by how much each camera's calibration is off.
+    """Write a session of a person before cameras 4 m away, 60° from each other.
 
     hand: what [hand] says beside the model.
     """
@@ -57,10 +55,8 @@ def film(
     joint = named_motion(model, motion, frames, rng)
     poses = np.array([model.clipped(model.transform.solver_params(row)) for row in joint])
     rig = CameraRig(tuple(_camera(k) for k in range(cameras)))
-    off = [*turned_deg, *[0.0] * cameras]
-    said = (turned(camera, 0.0, angle, 0.0) for camera, angle in zip(rig, off))
     folder.mkdir(parents=True)
-    write_rig(folder / "calibration.toml", CameraRig(tuple(said)))
+    write_rig(folder / "calibration.toml", rig)
     table = {"model": "body34", **(hand or {})}
     lines = ["[session]", "format = 1", 'name = "a person"', f"fps = {FPS}", "", "[hand]"]
     lines += [f"{name} = {json.dumps(value)}" for name, value in table.items()]
@@ -71,7 +67,7 @@ def film(
             pixels = camera.project(
                 model.bones(pose).to_world(model.joint_bone, model.observed_point)
             )
-            pixels += rng.normal(scale=noise_px, size=pixels.shape)
+            pixels += rng.normal(scale=2.0, size=pixels.shape)
             rows = np.zeros((LAYOUT.count, 3))
             for name, row in LAYOUT.points.items():
                 rows[row] = (*pixels[model.joint_names.index(name)], 0.9)

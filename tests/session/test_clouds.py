@@ -11,10 +11,10 @@ from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.point_cloud import EMPTY
 
 
-def add(folder: Path, clouds: str, camera: str = "") -> None:
-    """Append [clouds] to session.toml, and lines to its last camera."""
+def add(folder: Path, clouds: str) -> None:
+    """Append [clouds] to session.toml."""
     path = folder / "session.toml"
-    path.write_text(path.read_text() + f"{camera}\n[clouds]\n{clouds}\n")
+    path.write_text(path.read_text() + f"\n[clouds]\n{clouds}\n")
 
 
 def write_clouds(folder: Path, rng: np.random.Generator) -> None:

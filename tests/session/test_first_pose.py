@@ -70,15 +70,11 @@ def test_a_childs_hand_is_found_as_a_childs(tmp_path):
     assert_allclose(best.first_pose.xyz, best.model.keypoints21(best.model.bones(best.params)))
 
 
-def in_images(session, cameras, frame=0):
-    truth = points(session, frame)
-    return FirstPose(frame, pixels={c: session.rig[c].project(truth) for c in cameras})
-
-
 def test_joints_in_one_image_are_settled_by_the_silhouettes(session):
-    first = in_images(session, ("cam0",), 30)
+    truth = points(session, 30)
+    first = FirstPose(30, pixels={"cam0": session.rig["cam0"].project(truth)})
     found = poses_of_image_joints(session, TrackerSettings(), first)
-    assert error_mm(found[0], points(session, 30)) < 6.0
+    assert error_mm(found[0], truth) < 6.0
     assert found[0].confidence > 0.5
     assert "one camera" in found[0].note
 

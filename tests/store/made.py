@@ -51,14 +51,13 @@ def step(rng: np.random.Generator, frame: int, hypotheses: int = 0) -> Step:
     return Step(result, rng.normal(size=(count, count)), known)
 
 
-def add_take(store: WritableStore, frames: range, seed: int = 0, finished: bool = True) -> int:
+def add_take(store: WritableStore, frames: range, seed: int = 0) -> int:
     """Add a take of invented frames and return its number."""
     writer = store.begin(about(frames, seed=str(seed)))
     rng = np.random.default_rng(seed)
     for frame in frames:
         writer.add(step(rng, frame))
-    if finished:
-        writer.finish()
+    writer.finish()
     return writer.take.number
 
 

@@ -201,9 +201,9 @@ def test_a_cut_file_loses_its_end_alone(length):
     assert not gaps or (isinstance(gaps[-1], Gap) and gaps[-1].at_end)
 
 
-def do(history: History, key: str, after: Any, kind: str = "do", joins: bool = False) -> Action:
+def do(history: History, key: str, after: Any, joins: bool = False) -> Action:
     change = Change(key, history.state.get(key), after)
-    action = history.next(f"{key} to {after}", [change], kind, joins)
+    action = history.next(f"{key} to {after}", [change], "do", joins)
     history.take(action)
     return action
 

@@ -14,8 +14,8 @@ from tests.capture.sample_files import rig_of_two, sample
 _MAT = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
 
 
-def _text(text: str, name: str = "c.txt") -> Callable[[Path], Path]:
-    return _bytes(text.encode(), name)
+def _text(text: str) -> Callable[[Path], Path]:
+    return _bytes(text.encode())
 
 
 def _bytes(data: bytes, name: str = "c.bin") -> Callable[[Path], Path]:

@@ -5,6 +5,7 @@ import os
 import pickle
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +13,10 @@ from handtrack.capture.joints.joint_names import JOINTS
 from tests.capture.sample_files import sample
 
 
-def _text(text: str, name: str = "j.txt") -> Callable[[Path], Path]:
+def _text(text: str) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
-        (folder / name).write_text(text)
-        return folder / name
+        (folder / "j.txt").write_text(text)
+        return folder / "j.txt"
 
     return write
 
@@ -25,48 +26,42 @@ def _empty_folder(folder: Path) -> Path:
     return folder / "joints"
 
 
-class _Harm:
-    def __reduce__(self) -> tuple:
-        return (os.system, ("touch harmed",))
+def _changed(form: str, change: Callable[[Any], object]) -> Callable[[Path], Path]:
+    """Return what writes a sample in HDF5 with something changed."""
+
+    def write(folder: Path) -> Path:
+        import h5py  # pyright: ignore[reportMissingImports]
+
+        (path,) = sample(f"hands/{form}", folder)
+        with h5py.File(path, "a") as file:
+            change(file)
+        return path
+
+    return write
 
 
-def _pickled(folder: Path) -> Path:
-    import h5py  # pyright: ignore[reportMissingImports]
-
-    (path,) = sample("hands/deeplabcut_h5", folder)
-    with h5py.File(path, "a") as file:
-        file["df_with_missing"].attrs["non_index_axes"] = np.bytes_(
-            pickle.dumps([(1, [_Harm()])], protocol=0)
-        )
-    return path
-
-
-def _elsewhere(folder: Path) -> Path:
-    import h5py  # pyright: ignore[reportMissingImports]
-
-    (path,) = sample("hands/sleap_h5", folder)
-    with h5py.File(path, "a") as file:
+def _other_tracks(*shape: int, **options: object) -> Callable[[Path], Path]:
+    def change(file: Any) -> None:
         del file["tracks"]
-        file.create_dataset("tracks", (1, 2, 21, 3), "f8", external=[("/etc/passwd", 0, 1008)])
-    return path
+        file.create_dataset("tracks", shape, "f8", **options)
+
+    return _changed("sleap_h5", change)
 
 
-def _immense(folder: Path) -> Path:
-    import h5py  # pyright: ignore[reportMissingImports]
-
-    (path,) = sample("hands/sleap_h5", folder)
-    with h5py.File(path, "a") as file:
-        del file["tracks"]
-        file.create_dataset(
-            "tracks", (1, 2, 21, 1 << 40), "f8", chunks=(1, 2, 21, 64), compression="gzip"
-        )
-    return path
+def _pickled(file: Any) -> None:
+    harm = pickle.dumps([(1, [_Harm()])], protocol=0)
+    file["df_with_missing"].attrs["non_index_axes"] = np.bytes_(harm)
 
 
 def _cut_off(folder: Path) -> Path:
     (path,) = sample("hands/sleap_h5", folder)
     path.write_bytes(path.read_bytes()[:900])
     return path
+
+
+class _Harm:
+    def __reduce__(self) -> tuple:
+        return (os.system, ("touch harmed",))
 
 
 _HEAD = "frame," + ",".join(f"{name}_{axis}" for name in JOINTS for axis in "xy") + "\n"
@@ -84,8 +79,17 @@ HOSTILE: dict[str, tuple[Callable[[Path], Path], list[str]]] = {
     "a joint twice": (_text(_HEAD.replace("index_pip", "INDEX_FINGER_MCP") + "0" + ",5" * 42), ["are both index_mcp"]),
 }  # fmt: skip
 HDF5: dict[str, tuple[Callable[[Path], Path], list[str]]] = {
-    "a pickle": (_pickled, ["not readable as DeepLabCut", "it asks for"]),
-    "another file's bytes": (_elsewhere, ["lies in another file"]),
-    "terabytes": (_immense, ["would take", "expected at most 1"]),
+    "a pickle": (
+        _changed("deeplabcut_h5", _pickled),
+        ["not readable as DeepLabCut", "it asks for"],
+    ),
+    "another file's bytes": (
+        _other_tracks(1, 2, 21, 3, external=[("/etc/passwd", 0, 1008)]),
+        ["lies in another file"],
+    ),
+    "terabytes": (
+        _other_tracks(1, 2, 21, 1 << 40, chunks=(1, 2, 21, 64), compression="gzip"),
+        ["would take", "expected at most 1"],
+    ),
     "cut off": (_cut_off, ["not readable as DeepLabCut or SLEAP"]),
 }

@@ -40,10 +40,10 @@ def pixels(camera: int = 0, motion: str = "greet") -> Floats[F, J, D2]:
     return np.round(rig().cameras[camera].project(places(motion)), 3)
 
 
-def in_order(layout: str, seen: Floats[J, D2], confidence: float = 0.8) -> Floats[K, D3]:
+def in_order(layout: str, seen: Floats[J, D2]) -> Floats[K, D3]:
     """Return a person's points as a detector orders them; those that the body does not have are near its nose."""
     kind = LAYOUTS[layout]
-    points = np.tile([*seen[names().index("nose")] + 3.0, confidence], (kind.count, 1))
+    points = np.tile([*seen[names().index("nose")] + 3.0, 0.8], (kind.count, 1))
     for name, row in kind.points.items():
         points[row, :2] = seen[names().index(name)]
     return points
