@@ -50,6 +50,12 @@ def model_file(tmp_path: Path) -> Path:
     return tmp_path / "MANO_RIGHT.npz"
 
 
+def keypoints_of(model: ManoModel, found) -> np.ndarray:
+    """Return the keypoints (F, 21, 3) of shape and poses that were found."""
+    pose = np.concatenate([found["global_orient"], found["hand_pose"]], axis=1)
+    return model.keypoints21(found["betas"], pose.reshape(-1, 16, 3), found["transl"])
+
+
 def test_known_shape_and_poses_come_back(model_file):
     model = ManoModel.read(model_file)
     rng = np.random.default_rng(0)
@@ -60,9 +66,8 @@ def test_known_shape_and_poses_come_back(model_file):
     _, track = sample_sequence("right")
     table = ResultsTable(replace(track, keypoints21=keypoints))
     fit = fit_mano(model, table)
-    pose = np.concatenate([fit["global_orient"], fit["hand_pose"]], axis=1).reshape(24, 16, 3)
-    found = model.keypoints21(fit["betas"], pose, fit["transl"])
-    assert np.linalg.norm(found - keypoints, axis=2).mean() < 1e-3
+    off = np.linalg.norm(keypoints_of(model, fit) - keypoints, axis=2)
+    assert off.mean() < 1e-3
     assert 0.6 < fit["betas"][0] < 1.4  # of 1.2, which its population holds back
 
 
@@ -73,8 +78,7 @@ def test_a_tracked_hand_is_exported_as_mano_near_its_keypoints(model_file, tmp_p
     with np.load(path) as found:
         assert found["hand_pose"].shape == (8, 45)
         assert found["keypoint_error_m"].max() < 0.004
-        pose = np.concatenate([found["global_orient"], found["hand_pose"]], 1).reshape(8, 16, 3)
-        points = ManoModel.read(model_file).keypoints21(found["betas"], pose, found["transl"])
+        points = keypoints_of(ManoModel.read(model_file), found)
         far = np.linalg.norm(points - track.keypoints21, axis=2).mean(axis=1)
         assert_allclose(far, found["keypoint_error_m"], atol=1e-9)
     write_init(tmp_path / "init.json", points[0], 3)

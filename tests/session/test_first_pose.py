@@ -55,7 +55,9 @@ def error_mm(candidate, truth):
 
 
 def test_a_childs_hand_is_found_as_a_childs(tmp_path):
-    what = Simulation(frames=1, size=(160, 120), scale=0.77, motion="still", images=False)
+    what = Simulation(
+        cameras=2, frames=1, size=(160, 120), scale=0.77, motion="still", images=False
+    )
     folder = simulate(tmp_path / "child", what)
     edit(folder / "session.toml", "scale = 0.77", 'scale = "fit"')
     session, shares = Session.open(folder), []

@@ -88,21 +88,24 @@ def test_links_out_of_the_folder(folder):
     contains(refusal(folder), '"cam0/000.png" leaves the session folder', "copy the files there")
 
 
+def without(folder: Path, name: str) -> Path:
+    """Return where a file of the session may stand, and remove what is there."""
+    (folder / name).parent.mkdir(exist_ok=True)
+    (folder / name).unlink(missing_ok=True)
+    return folder / name
+
+
 @pytest.mark.parametrize("name", ["tracks", "tracks/poses.npz", "init.json", "hand.json"])
 def test_c48_nothing_is_written_through_a_link_out_of_the_folder(folder, name):
-    outside, inside = folder.parent / "outside", folder / name
-    inside.parent.mkdir(exist_ok=True)
-    inside.unlink(missing_ok=True)
-    inside.symlink_to(outside)  # also one that leads nowhere yet
+    outside = folder.parent / "outside"
+    without(folder, name).symlink_to(outside)  # also one that leads nowhere yet
     contains(refusal(folder), f'"{name}" leaves the session folder', str(outside))
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
 @pytest.mark.parametrize("name", ["init.json", "truth.npz", "calibration.toml", "tracks/poses.npz"])
 def test_c48_a_pipe_is_not_opened(folder, name):
-    (folder / name).parent.mkdir(exist_ok=True)
-    (folder / name).unlink(missing_ok=True)
-    os.mkfifo(folder / name)
+    os.mkfifo(without(folder, name))
     contains(refusal(folder), f"{name} is a pipe or a device, not a file, so it was not opened")
 
 

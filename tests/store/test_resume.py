@@ -18,7 +18,7 @@ from tests.store.made import about, same
 from tests.tracking.test_appearance import BY_IMAGES, MODEL, observer
 from tests.tracking.test_appearance import POSES as BY_IMAGES_POSES
 
-SCENE = scene(2, 100, (160, 120), range(8, 14))
+SCENE = scene(2, 100, (96, 72), range(8, 14))
 POSES = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
 
 
