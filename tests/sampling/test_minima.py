@@ -86,8 +86,7 @@ def test_it_ends_at_limits_that_narrow_where_the_plain_solver_does(rng):
     assert (
         at_limit & (bends > 0.0) & (bends < model.limits.narrow_at)
     ).any()  # else it tests nothing
-    known = [solve(plain, start, FAR).cost for start in starts]
-    assert_allclose(ends.cost, known, rtol=1e-6)
+    assert_allclose(ends.cost, [solve(plain, start, FAR).cost for start in starts], rtol=1e-6)
 
 
 def test_what_is_no_minimum_is_not_called_one(rng):

@@ -55,22 +55,10 @@ def test_bounded_linear_problems_agree_with_scipy(seed):
     assert ours.why == "converged"
 
 
-def test_says_why_it_stopped():
-    short = SolverSettings(iterations=2, step_limit_m=10, step_limit_rad=10)
-    assert solve(Rosenbrock(), np.array([-1.2, 1.0]), short).why == "iterations"
-    assert (
-        solve(Rosenbrock(), np.array([-1.2, 1.0]), FAR, should_stop=lambda: True).why == "stopped"
-    )
-
-
 def test_ends_by_the_first_step_that_gains_too_little():
     start, costs = np.array([-1.2, 1.0]), []
-    found = solve(
-        Rosenbrock(),
-        start,
-        replace(FAR, least_gain=0.01),
-        on_iteration=lambda k, x, cost: costs.append(cost),
-    )
+    settings = replace(FAR, least_gain=0.01)
+    found = solve(Rosenbrock(), start, settings, on_iteration=lambda k, x, cost: costs.append(cost))
     gains = -np.diff([Rosenbrock().linearize(start).cost, *costs])
     assert found.why == "converged"
     assert len(gains) > 2
@@ -82,11 +70,7 @@ def test_stops_after_the_iteration_in_which_it_is_asked_to():
     """Not only before the first: a person who waits is heard."""
     path, start = [], np.array([-1.2, 1.0])
     stopped = solve(
-        Rosenbrock(),
-        start,
-        FAR,
-        lambda: len(path) == 3,
-        lambda k, x, cost: path.append((k, x, cost)),
+        Rosenbrock(), start, FAR, lambda: len(path) == 3, lambda *step: path.append(step)
     )
     assert stopped.why == "stopped"
     assert [k for k, _, _ in path] == [1, 2, 3]
@@ -95,7 +79,9 @@ def test_stops_after_the_iteration_in_which_it_is_asked_to():
     assert_allclose(stopped.system.gradient, Rosenbrock().linearize(stopped.params).gradient)
     before = solve(Rosenbrock(), start, FAR, lambda: True)
     assert_array_equal(before.params, start)
-    assert before.iterations == 0
+    assert (before.iterations, before.why) == (0, "stopped")
+    few = solve(Rosenbrock(), start, replace(FAR, iterations=2))
+    assert (few.iterations, few.why) == (2, "iterations")
 
 
 def test_limits_of_the_callers_own_hold_some_parameters_where_they_are():

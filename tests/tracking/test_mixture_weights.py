@@ -171,28 +171,25 @@ def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monke
 
 @dataclass(frozen=True)
 class Wells(ParameterTerm):
-    """A cost of where the root faces that has a minimum at each (angle, cost, σ); other parameters are held near 0."""
+    """The least of bells, each with a cost of its own."""
 
-    wells: tuple[tuple[float, float, float], ...]
+    wells: tuple[tuple[float, GaussianPrior], ...]
     name: str = "wells"
 
-    def _nearest(self, x):
-        return min(self.wells, key=lambda w: w[1] + 0.5 * ((x[FACING] - w[0]) / w[2]) ** 2)
-
     def add_to(self, joint_params, sums):
-        at, least, sigma = self._nearest(joint_params)
-        information = np.full(6, 100.0)
-        information[FACING] = 1.0 / sigma**2
-        off = joint_params - at * np.eye(6)[FACING]
-        if sums.width:
-            np.add(sums.gradient, information * off, out=sums.gradient)
-            np.add(sums.hessian, np.diag(information), out=sums.hessian)
-        return least + 0.5 * float(information @ off**2)
+        least, bell = min(self.wells, key=lambda well: well[0] + well[1].cost(joint_params))
+        return least + bell.add_to(joint_params, sums)
+
+
+def well(angle, cost, sigma):
+    """Return a minimum of where the root faces; other parameters are held near 0."""
+    facing = np.eye(6)[FACING]
+    return cost, GaussianPrior(angle * facing, np.where(facing, sigma, 0.1))
 
 
 def test_of_a_first_frame_costs_alone_decide():
     """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
-    terms = frame(BALL, Wells(((0.2, 1.0, 0.1), (1.4, 2.0, 0.5), (-1.5, 2.5, 0.1))))
+    terms = frame(BALL, Wells((well(0.2, 1.0, 0.1), well(1.4, 2.0, 0.5), well(-1.5, 2.5, 0.1))))
     told = []
     control = Control(on_search=told.append)
     first = FirstHypotheses(BALL, settings(), STIFF, NOTHING, control, terms, np.zeros(6))

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack import Camera, ImageKeypoints, Observation, TrackerSettings
+from handtrack import Camera, Observation, TrackerSettings
+from handtrack.arrays import Floats
 from handtrack.model.pose_changes import PLACE
 from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, new_share
@@ -13,7 +14,7 @@ from handtrack.tracking.whole.trajectory_hypotheses import (
     TrajectoryHypothesis,
     trajectory_hypotheses,
 )
-from tests.tracking.test_doubt_of_bodies import BODY, FRONT, SIDE
+from tests.tracking.test_doubt_of_bodies import BODY, FRONT, SIDE, joints_of_body
 
 FRAMES = range(4)
 
@@ -28,11 +29,12 @@ def _reaching() -> np.ndarray:
     return found
 
 
-def _evidence(poses: np.ndarray, *cameras: Camera) -> Evidence:
-    def observe(frame: int, bones: object = None) -> Observation:
-        places = BODY.joint_positions(BODY.bones(poses[frame]))
-        seen = [ImageKeypoints(c, BODY.joint_names, c.project(places), 10.0) for c in cameras]
-        return Observation(frame, frame / 25.0, keypoints=tuple(seen))
+def _evidence(
+    poses: np.ndarray, *cameras: Camera, off_px: Floats = np.zeros((4, 1, 2))
+) -> Evidence:
+    def observe(frame: int, _bones: object = None) -> Observation:
+        seen = joints_of_body(poses[frame], *cameras, off_px=off_px[frame])
+        return replace(seen, frame=frame, time_s=frame / 25.0)
 
     settings = TrackerSettings().with_values({"prior.motion_sigma_deg": 5.0})
     return Evidence(BODY, settings, observe, dict(zip(FRAMES, poses, strict=True)), 0.04)
@@ -49,20 +51,13 @@ def _places(poses: np.ndarray) -> np.ndarray:
     return np.array([BODY.joint_positions(BODY.bones(pose)) for pose in poses])
 
 
-@pytest.fixture(scope="module")
-def ways():
-    return trajectory_hypotheses(_way(_reaching(), FRONT), FRAMES, 6)
-
-
-def test_limbs_are_flipped_in_all_frames(ways):
+def test_limbs_are_flipped_in_all_frames_alone_and_together():
+    ways = trajectory_hypotheses(_way(_reaching(), FRONT), FRAMES, 6)
     best, *others = ways
     assert [way.cost for way in ways] == sorted(way.cost for way in ways)
     away = [_places(way.found.poses) - _places(best.found.poses) for way in others]
     deep = [np.abs(off @ FRONT.rotation[2]).max(axis=1) for off in away]
     assert any((frames > 0.1).all() for frames in deep)
-
-
-def test_two_limbs_are_flipped_together(ways):
     assert any(way.origin.count(" flipped") == 2 for way in ways)
 
 
@@ -84,14 +79,6 @@ def test_joints_of_one_camera_count_as_often_as_their_errors_are_new():
 
 @pytest.mark.parametrize(("lasts", "least", "most"), [(0.0, 0.75, 1.0), (1.0, 0.05, 0.06)])
 def test_errors_that_come_again_are_told_from_new_ones(rng, lasts, least, most):
-    poses = _reaching()
-    first = rng.normal(scale=5.0, size=(len(BODY.joint_names), 2))
-
-    def observe(frame: int, bones: object = None) -> Observation:
-        off = lasts * first + (1.0 - lasts) * rng.normal(scale=5.0, size=first.shape)
-        pixels = FRONT.project(BODY.joint_positions(BODY.bones(poses[frame]))) + off
-        seen = ImageKeypoints(FRONT, BODY.joint_names, pixels, 10.0)
-        return Observation(frame, frame / 25.0, keypoints=(seen,))
-
-    evidence = replace(_evidence(poses, FRONT), observe=observe)
-    assert least <= new_share(evidence, FRAMES, poses) <= most
+    new, again = rng.normal(scale=5.0, size=(2, len(FRAMES), len(BODY.joint_names), 2))
+    off_px, poses = (1.0 - lasts) * new + lasts * again[0], _reaching()
+    assert least <= new_share(_evidence(poses, FRONT, off_px=off_px), FRAMES, poses) <= most
