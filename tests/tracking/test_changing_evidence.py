@@ -22,7 +22,7 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.clouds.cloud_emptiness import hidden
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.terms.cloud_terms import agreement, see_cloud
+from handtrack.tracking.frame.terms.cloud_terms import see_cloud
 from handtrack.tracking.search.initialize import fit_keypoints
 from handtrack.tracking.sequence import track_frames
 from tests.tracking.scenes import on_surface
@@ -105,25 +105,15 @@ def test_an_object_before_the_hand_pulls_no_finger(behind):
     assert np.trace(own, axis1=1, axis2=2).mean() > 4.0 * begun
 
 
-def test_what_an_object_hides_is_not_missing():
-    """Behind it nothing is asked for; before it, and where the hand itself came nearer, all is."""
-    bones, settings = MODEL.bones(pose(1)), TrackerSettings()
-
+def test_what_an_object_before_the_hand_hides_is_not_missing_and_what_is_behind_it_hides_nothing():
     def asked(others):
-        found = see_cloud(seen(1, others), MODEL, bones, settings)
-        return len(found.emptiness.bone), agreement(found, MODEL, bones)
+        found = see_cloud(seen(1, others), MODEL, MODEL.bones(pose(1)), TrackerSettings())
+        return len(found.emptiness.bone)
 
-    free, _ = asked(NOTHING)
-    covered, found = asked(object_before(1))
-    assert covered < 0.95 * free
-    assert found.measured > 0.95
-    assert found.explained > 0.95
     middle = measured(1).mean(axis=0)
-    behind, _ = asked(plate(middle - 0.07 * (EYE - middle), 0.06))
-    assert behind == free
-    nearer = MODEL.bones(pose(1) - [0.0, 0.0, -0.03, *[0.0] * (len(pose(1)) - 3)])
-    moved = see_cloud(seen(1), MODEL, nearer, settings)
-    assert moved.prepared.count > 0.9 * len(measured(1))
+    free = asked(NOTHING)
+    assert asked(object_before(1)) < 0.95 * free
+    assert asked(plate(middle - 0.07 * (EYE - middle), 0.06)) == free
 
 
 def test_a_hand_goes_on_where_masks_end_that_cut_its_cloud():
