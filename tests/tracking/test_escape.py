@@ -31,11 +31,8 @@ def posed(name):
 
 def with_finger_at(params, finger, degrees):
     """Return params with all joints of a finger bent by so much."""
-    changed = params.copy()
-    for name in MODEL.parameter_names:
-        if name.startswith(finger) and name.endswith("_flex"):
-            changed[MODEL.parameter_names.index(name)] = np.deg2rad(degrees)
-    return MODEL.clipped(changed)
+    own = [n.startswith(finger) and n.endswith("_flex") for n in MODEL.parameter_names]
+    return MODEL.clipped(np.where(own, np.deg2rad(degrees), params))
 
 
 class Scene:
@@ -50,12 +47,12 @@ class Scene:
     def cost(self, params):
         return self.objective.measured(Candidate(MODEL, params)).cost
 
-    def found(self, control=Control()):
-        return with_fingers_found(self.terms, self.params, control, 0, "a test")
+    def found(self):
+        return with_fingers_found(self.terms, self.params, Control(), 0, "a test")
 
 
-def worst_mm(params, truth):
-    found, true = (MODEL.joint_positions(MODEL.bones(x)) for x in (params, truth))
+def worst_mm(*poses):
+    found, true = (MODEL.joint_positions(MODEL.bones(x)) for x in poses)
     return 1e3 * np.linalg.norm(found - true, axis=1).max()
 
 

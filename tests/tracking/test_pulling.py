@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from handtrack import Keypoints, Observation, Tracker, TrackerSettings, load_model
 from handtrack.arrays import Floats
@@ -19,10 +18,8 @@ SETTINGS = TrackerSettings()
 TIP = HAND.joint_names.index("index_tip")
 
 
-def _at_ease():
-    params = HAND.rest_params()
-    params[1] = -0.09
-    return params
+STOOD = HAND.rest_params()
+STOOD[1] = -0.09
 
 
 def _joints(params: Floats) -> Floats:
@@ -35,41 +32,33 @@ def _pins(target, joint="index_tip", cameras=CAMERAS):
     )
 
 
-@pytest.fixture(scope="module")
-def seen():
-    return mask_views(HAND, _at_ease(), CAMERAS)
-
-
 def test_pins_in_two_images_hold_a_point_and_the_other_fingers_change_little():
-    stood = _at_ease()
-    target = _joints(stood)[TIP] + (0.0, -0.02, -0.02)
-    found = pulled(HAND, SETTINGS, Observation(0, 0.0, pins=_pins(target)), stood, by_images=False)
-    moved = np.linalg.norm(_joints(found) - _joints(stood), axis=1)
+    target = _joints(STOOD)[TIP] + (0.0, -0.02, -0.02)
+    found = pulled(HAND, SETTINGS, Observation(0, 0.0, pins=_pins(target)), STOOD, by_images=False)
+    moved = np.linalg.norm(_joints(found) - _joints(STOOD), axis=1)
     assert np.linalg.norm(_joints(found)[TIP] - target) < 1e-3
     others = [n for n, name in enumerate(HAND.joint_names) if not name.startswith("index")]
     assert moved[others].max() < 0.25 * moved[TIP]
 
 
 def test_a_pin_in_one_image_leaves_the_depth_as_it_was():
-    stood = _at_ease()
-    target = _joints(stood)[TIP] + 0.02 * CAMERAS[0].rotation[0]
+    target = _joints(STOOD)[TIP] + 0.02 * CAMERAS[0].rotation[0]
     one = Observation(0, 0.0, pins=_pins(target, cameras=CAMERAS[:1]))
-    found = pulled(HAND, SETTINGS, one, stood, by_images=False)
-    depth = [CAMERAS[0].to_camera(_joints(p))[TIP, 2] for p in (stood, found)]
+    found = pulled(HAND, SETTINGS, one, STOOD, by_images=False)
+    depth = [CAMERAS[0].to_camera(_joints(p))[TIP, 2] for p in (STOOD, found)]
     off = CAMERAS[0].project(_joints(found)[TIP]) - CAMERAS[0].project(target)
     assert np.linalg.norm(off) < 0.3
     assert abs(depth[1] - depth[0]) < 0.006
 
 
-def test_masks_hold_the_rest_against_a_pin_and_give_way_at_the_joint(seen):
-    stood = _at_ease()
-    target = _joints(stood)[TIP] + (0.0, -0.01, -0.01)
-    with_pins = replace(seen, pins=_pins(target))
-    found = pulled(HAND, SETTINGS, with_pins, stood)
+def test_masks_hold_the_rest_against_a_pin_and_give_way_at_the_joint():
+    target = _joints(STOOD)[TIP] + (0.0, -0.01, -0.01)
+    with_pins = replace(mask_views(HAND, STOOD, CAMERAS), pins=_pins(target))
+    found = pulled(HAND, SETTINGS, with_pins, STOOD)
     for camera in CAMERAS:
         assert np.linalg.norm(camera.project(_joints(found)[TIP]) - camera.project(target)) < 1.0
     wrist = HAND.joint_names.index("wrist")
-    assert np.linalg.norm(_joints(found)[wrist] - _joints(stood)[wrist]) < 0.004
+    assert np.linalg.norm(_joints(found)[wrist] - _joints(STOOD)[wrist]) < 0.004
 
 
 FRAMES = 17
@@ -80,9 +69,8 @@ def _unseen_finger():
     straight = HAND.rest_params()
     names = HAND.transform.names
     bent = straight.copy()
-    bent[[names.index(f"index_{part}") for part in ("mcp_flex", "pip_flex", "dip_flex")]] = (
-        0.8, 0.9, 0.4,
-    )  # fmt: skip
+    for part, angle in (("mcp", 0.8), ("pip", 0.9), ("dip", 0.4)):
+        bent[names.index(f"index_{part}_flex")] = angle
     named = [n for n, name in enumerate(HAND.joint_names) if not name.startswith("index")]
     points = _joints(bent)[named]
     given = Keypoints(tuple(HAND.joint_names[n] for n in named), points, 0.002)

@@ -47,14 +47,9 @@ def seen_by(cameras, rng, pose="point"):
     return objective, true, replace(start, params=params + np.r_[shift, np.zeros(len(params) - 3)])
 
 
-def descended(objective, candidate):
-    """Return a candidate after a dozen steps with wide arms."""
-    return wide(objective, [candidate], 12)[0]
-
-
 def settled(objective, candidate):
     """Return where a pose comes to rest, wide and then narrow, and its cost there."""
-    near = descended(objective, candidate)
+    near = wide(objective, [candidate], 12)[0]
     for _ in range(2):  # what counts around a pose is taken anew
         near = narrow(objective, [near], 8)[0]
     return near
@@ -103,9 +98,8 @@ def test_a_pointing_finger_is_found_among_bent_ones(rng):
     joint = named_pose(MODEL, "fist")
     joint[:6] = MODEL.joint_params(start.params)[:6]
     fist = replace(start, params=MODEL.clipped(MODEL.transform.solver_params(joint)))
-    alone = descended(objective, fist)
-    bent = finger_bends(objective, [fist], 12)
-    found = min((descended(objective, way) for way in bent), key=lambda c: c.cost)
+    (alone,) = wide(objective, [fist], 12)
+    found = min(wide(objective, finger_bends(objective, [fist], 12), 12), key=lambda c: c.cost)
     index = [5, 6, 7, 8]
     off = [1e3 * np.linalg.norm(end.joints - true, axis=1)[index].mean() for end in (alone, found)]
     assert off[0] > 25.0 and off[1] < 12.0
@@ -119,7 +113,6 @@ def test_a_size_is_not_drawn_to_either_side(true_size):
     params = filmed.transform.solver_params(joint)
     seen = mask_views(filmed, params, simulated_rig(3, (480, 360)).cameras)
     objective = GlobalObjective.of(seen, TrackerSettings())
-    assert objective is not None
     objective = replace(objective, resize=lambda model, scale: load_model(scale=scale))
     candidates = [Candidate(MODEL, params, shape=shape_of(MODEL, joint, "open"))]
     for fit, iterations in ((wide, 20), (narrow, 8), (size, 0)):

@@ -22,18 +22,13 @@ HIDDEN = range(16, 26)
 TOGETHER = np.array(["_mcp_flex" in n or "_pip_flex" in n for n in HAND.parameter_names])
 
 
-def _pushes(rng, size=9):
-    mixed = rng.normal(size=(size, size))
-    return 0.01 * (mixed @ mixed.T + np.eye(size))
-
-
-def _walk(rng, frames=6, size=9):
-    return np.cumsum(0.2 * rng.normal(size=(frames, size)), axis=0)
-
-
 def test_the_motion_s_system_is_that_of_its_residuals(rng):
-    motion, poses = Motion(0.6, _pushes(rng)), _walk(rng)
-    frames, size = poses.shape
+    frames, size = 6, 9
+    mixed, poses = (
+        rng.normal(size=(size, size)),
+        np.cumsum(0.2 * rng.normal(size=(frames, size)), axis=0),
+    )
+    motion = Motion(0.6, 0.01 * (mixed @ mixed.T + np.eye(size)))
     system, gradient = BlockBanded.zero(*poses.shape), np.zeros(poses.shape)
     motion.add_to(system, gradient, poses)
     whiten = np.linalg.cholesky(np.linalg.inv(motion.process_noise)).T
@@ -117,7 +112,7 @@ def _off_mm(results, truth):
 
 def _jitter(results, truth):
     off = np.delete(np.array([r.keypoints21 for r in results]) - truth, MIDDLE, axis=1)
-    return np.linalg.norm(off[2:] - 2 * off[1:-1] + off[:-2], axis=2).mean()
+    return np.linalg.norm(np.diff(off, 2, axis=0), axis=2).mean()
 
 
 MIDDLE = [keypoint_names().index(f"middle_{part}") for part in ("pip", "dip", "tip")]
