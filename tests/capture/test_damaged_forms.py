@@ -111,18 +111,6 @@ def write_video(path: Path, code: str = "mp4v") -> Path:
     return filmed(path, (np.full((48, 64, 3), 40 * n, np.uint8) for n in range(5)), code)
 
 
-@pytest.fixture
-def playlist(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    elsewhere, here = tmp_path / "elsewhere", tmp_path / "session"
-    elsewhere.mkdir()
-    here.mkdir()
-    other = write_video(elsewhere / "secret.mp4")
-    write_video(here / "a.mp4")
-    path = here / request.param
-    path.write_text(PLAYLISTS[request.param].replace("{other}", str(other)))
-    return path
-
-
 @pytest.mark.parametrize("name", MADE)
 def test_containers_that_people_have_are_opened_also_by_our_programs(name, tmp_path, monkeypatch):
     path = write_video(tmp_path / name, MADE[name])
@@ -133,10 +121,14 @@ def test_containers_that_people_have_are_opened_also_by_our_programs(name, tmp_p
     assert VideoFile(path).read(3) is not None
 
 
-@pytest.mark.parametrize("playlist", PLAYLISTS, indirect=True)
-def test_nothing_that_names_other_files_is_opened(playlist, monkeypatch):
+@pytest.mark.parametrize("name", PLAYLISTS)
+def test_nothing_that_names_other_files_is_opened(name, tmp_path, monkeypatch):
+    (tmp_path / "session").mkdir()
+    write_video(tmp_path / "session/a.mp4")
+    playlist, other = tmp_path / "session" / name, write_video(tmp_path / "secret.mp4")
+    playlist.write_text(PLAYLISTS[name].replace("{other}", str(other)))
     monkeypatch.setattr(cv2, "VideoCapture", None)  # OpenCV does not get to see it
-    with pytest.raises(HandtrackError, match=playlist.name):
+    with pytest.raises(HandtrackError, match=name):
         VideoFile(playlist)
 
 
