@@ -95,7 +95,9 @@ def without(folder: Path, name: str) -> Path:
     return folder / name
 
 
-@pytest.mark.parametrize("name", ["tracks", "tracks/poses.npz", "init.json", "hand.json"])
+@pytest.mark.parametrize(
+    "name", ["tracks", "tracks/poses.npz", "init.json", "hand.json", "masks_corrected"]
+)
 def test_c48_nothing_is_written_through_a_link_out_of_the_folder(folder, name):
     outside = folder.parent / "outside"
     without(folder, name).symlink_to(outside)  # also one that leads nowhere yet
