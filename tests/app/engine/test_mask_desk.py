@@ -1,7 +1,6 @@
 """The mask desk: methods tried live and saved, boxes, strokes that become files, undone, carried on, never lost."""
 
 import tomllib
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,14 +11,12 @@ from handtrack.capture.masks.mask_correction import HAND, empty_layer, painted
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.files.versions import versions
 from handtrack.session.sources.corrected_masks import encoded
-from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.calls import call
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
-from tests.app.desk import Listener, working
+from tests.app.desk import working
 from tests.app.waiting import eventually
 
-Desk = tuple[Worker, Listener, Path]
 SKIN = call("set_masks", "", {"method": "skin_ycrcb"})
 X, Y = BOX[0] + BOX[2] // 2, BOX[1] + BOX[3] // 2
 """amid the skin, in cam0"""
@@ -28,13 +25,9 @@ X, Y = BOX[0] + BOX[2] // 2, BOX[1] + BOX[3] // 2
 @pytest.fixture
 def desk(tmp_path):
     """A worker with a recording of three frames open, whose cameras have images and no masks."""
-    with_worker = begun(cloudy_session(tmp_path))
-    yield with_worker
-    with_worker[0].stop()
-
-
-def begun(folder):
-    return (*working(folder), folder)
+    worker, listener = working(cloudy_session(tmp_path))
+    yield worker, listener, tmp_path
+    worker.stop()
 
 
 def method(card, camera="cam0"):
@@ -136,8 +129,8 @@ def test_a_stroke_becomes_a_file_and_is_undone(desk):
 
 def test_what_was_painted_comes_back_and_a_file_from_elsewhere_counts_and_is_kept(tmp_path):
     folder = cloudy_session(tmp_path)
-    worker, _, _ = begun(folder)
-    looks, listener, _ = begun(folder)
+    worker, _ = working(folder)
+    looks, listener = working(folder)
     looks.send(stroke())
     listener.refused()
     looks.stop()
@@ -146,7 +139,7 @@ def test_what_was_painted_comes_back_and_a_file_from_elsewhere_counts_and_is_kep
     eventually(lambda: held(worker) == [0], "painted")
     worker.stop()  # before edits rest
     assert file_of(folder).is_file()
-    again, _, _ = begun(folder)
+    again, _ = working(folder)
     assert held(again) == [0]
     again.engine.undo(1)
     eventually(lambda: not file_of(folder).exists(), "undone after opening again")
@@ -156,7 +149,7 @@ def test_what_was_painted_comes_back_and_a_file_from_elsewhere_counts_and_is_kep
     theirs = encoded(painted(empty_layer((96, 72)), np.array([[80.0, 8]]), 5.0, HAND))
     for frame in (0, 1):  # over ours, and where we have none
         file_of(folder, frame).write_bytes(theirs)
-    again, _, _ = begun(folder)
+    again, _ = working(folder)
     corrections = again.document.run.session.view("cam0").corrections
     for frame in (0, 1):
         assert corrections.content(frame) == theirs
@@ -176,7 +169,7 @@ def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path):
     scene = cv2.resize(rng.integers(0, 255, (18, 30, 3), dtype=np.uint8), (120, 72))
     for frame in range(6):
         cv2.imwrite(str(folder / "cam0" / f"{frame:03d}.png"), scene[:, 2 * frame :][:, :96])
-    worker, listener, _ = begun(folder)
+    worker, listener = working(folder)
     square = tuple((float(x), 30.0) for x in (45, 50))
     worker.engine.paint_mask(2, "cam0", "not hand", square, 6.0, "1")
     worker.engine.paint_mask(5, "cam0", "hand", ((5.0, 5.0),), 4.0, "2")
@@ -208,7 +201,7 @@ def test_files_are_said_to_be_files_and_stay(tmp_path):
         'images = "cam0/*.png"', 'images = "cam0/*.png"\nmasks = "masks/*.png"\nmask_unknown = 100'
     )
     (folder / "session.toml").write_text(text)
-    worker, listener, _ = begun(folder)
+    worker, listener = working(folder)
     card = listener.wait(snapshots.SessionSnapshot).masks
     assert method(card) == "files"
     assert card.words.startswith("Masks of cam0 are files.")

@@ -13,7 +13,6 @@ from handtrack.session.session_state import decide
 from handtrack.session.track_session import Ended
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.protocol.snapshots import Hold
-from tests.app.calls import call
 from tests.app.command_line import small_recording
 from tests.app.desk import working
 from tests.app.waiting import eventually
@@ -27,21 +26,20 @@ def folder(tmp_path):
     return small_recording(tmp_path / "session", "another_hand", FRAMES)
 
 
-def tracked_by(worker, seen):
-    said = len(seen)
-    worker.send(call("track", 0, FRAMES, worker.document.first_frame, anew=True))
-    finished = lambda: any(getattr(s, "title", "") == "Tracking finished" for s in seen[said:])  # noqa: E731
-    eventually(finished, "tracked", 600.0)
+def tracked_by(worker, listener):
+    said = len(listener.seen)
+    worker.engine.track(0, FRAMES, worker.document.first_frame, anew=True)
+    listener.told("Tracking finished", said)
 
 
 def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder):
     run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
-    worker, seen = opened(folder)
+    worker, listener = working(folder)
     posed = run.model.joint_params(run.initial()[1])
     posed[run.model.parameter_names.index("index_mcp_flex")] += 0.0123456789
     worker.engine.set_pose(0, tuple(posed), 1)
     worker.engine.save_pose()
-    eventually(lambda: any("saved" in getattr(s, "title", "") for s in seen), "saved")
+    listener.told("saved")
     document = worker.document
     document.apply(decide(pose={0: None}))
     worker.stop()
@@ -64,9 +62,9 @@ def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_ac
     assert expected.status.tolist().count(Status.KEYFRAME) == 1
     # each recording by a `handtrack track` of its own
     handtrack.does("batch", copies[1], "--jobs", 1, "--out", tmp_path / "out")
-    worker, seen = opened(copies[2])
+    worker, listener = working(copies[2])
     before = worker.document.results[1]
-    tracked_by(worker, seen)
+    tracked_by(worker, listener)
     found = [whole_track(worker.document), read_npz(copies[1] / "tracks/poses.npz")]
     worker.stop()
     for track in found:
@@ -77,9 +75,9 @@ def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_ac
 
 def corrected(folder):
     """Track a recording in the workbench, accept a frame, pose one by hand, and pin a joint in another."""
-    worker, seen = opened(folder)
+    worker, listener = working(folder)
     document, engine = worker.document, worker.engine
-    tracked_by(worker, seen)
+    tracked_by(worker, listener)
     engine.accept(((1, 1),))
     model = document.model
     pose = document.results[2].parameters.copy()
@@ -92,8 +90,3 @@ def corrected(folder):
     engine.set_pin(3, camera.name, (column + 3.0, row), 2, Hold("middle_tip"))
     eventually(lambda: document.run.session.pins.of(3), "pinned")
     worker.stop()
-
-
-def opened(folder):
-    worker, listener = working(folder)
-    return worker, listener.seen

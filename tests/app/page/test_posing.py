@@ -15,11 +15,6 @@ from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 
 
-@pytest.fixture(autouse=True)
-def home(tmp_path, monkeypatch):
-    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
-
-
 def _pose(bench):
     assert bench.stage.pose is not None
     return bench.stage.pose

@@ -1,6 +1,5 @@
 """Lanes and plots: what stands where, zoom, the worst of frames in one place, speed and range; the score and its ink on the card."""
 
-import dataclasses
 from dataclasses import replace
 
 import numpy as np
@@ -43,20 +42,13 @@ def test_the_window_goes_along_with_the_frame_shown():
     assert window.around(0, frames) == Window(0, 99)
 
 
-def _strip(**changed):
-    return replace(snapshots.TimelineSnapshot(10, np.full(4, -1), {}), **changed)
-
-
-def timeline_picture(strip):
-    frames = whole(range(strip.start, strip.start + len(strip.status)))
-    return lanes_picture(lanes_of(strip, frames), strip, frames)
-
-
 def test_of_frames_drawn_in_one_place_the_worst_is_seen():
     status = np.zeros(20_000, int)
     status[1234] = 2
-    strip = _strip(start=0, status=status, lanes={COST: np.where(status == 2, 7.0, 1.0)})
-    assert STATUS[2][1] in timeline_picture(strip).partition("<svg")[2]
+    lanes = {COST: np.where(status == 2, 7.0, 1.0)}
+    strip, frames = snapshots.TimelineSnapshot(0, status, lanes), whole(range(len(status)))
+    picture = lanes_picture(lanes_of(strip, frames), strip, frames)
+    assert STATUS[2][1] in picture.partition("<svg")[2]
 
 
 def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path):
@@ -86,16 +78,12 @@ def test_words_on_a_colour_can_be_read(ground, ink):
     assert ink_on(ground) == ink
 
 
-def _snapshot(count=300):
-    values = np.linspace(0, 1, count)
-    curve = Curve("index_mcp_flex", values, np.full(count, 0.05), values - 0.1)  # fmt: skip
-    return CurvesSnapshot(0, (curve,))
-
-
 def test_a_plot_has_track_band_and_truth_in_the_window_alone():
-    data = plot_data(snapshot := _snapshot(), snapshot.curves[0], Window(100, 199))
+    values = np.linspace(0, 1, 300)
+    curve = Curve("index_mcp_flex", values, np.full(300, 0.05), values - 0.1)
+    data = plot_data(CurvesSnapshot(0, (curve,)), curve, Window(100, 199))
     assert (data["frame"][0], data["frame"][-1]) == (100, 199)
-    assert_allclose(data["track"], np.rad2deg(np.linspace(0, 1, 300)[100:200]))
+    assert_allclose(data["track"], np.rad2deg(values[100:200]))
     assert_allclose(data["high"] - data["track"], np.rad2deg(0.1))
     assert_allclose(data["track"] - data["low"], np.rad2deg(0.1))
     assert_allclose(data["track"] - data["truth"], np.rad2deg(0.1))
@@ -114,16 +102,14 @@ def test_the_tab_plots_the_angles_of_a_finger(bench, wire):
     eventually(lambda: "humb" in (panel.plots[0].title or ""), "another finger")
 
 
-def score_of(pose, **changes):
-    known = ScoreSnapshot(pose.frame, tuple(pose.values), {"left": 0.912}, {"silhouettes": 7.0, "priors": 0.5}, {"left": 0.88}, 9.0)  # fmt: skip
-    return dataclasses.replace(known, **changes)
-
-
 def test_the_card_has_the_score_of_its_own_pose_alone(bench):
     panel = bench.layout.pose
-    for changes in ({"frame": 7}, {"values": (0.0,)}, {}):
-        panel.show_score(score_of(panel.pose, **changes))
-        assert ("overlap" in panel.card.content) == (not changes)
+    pose = panel.pose
+    terms = {"silhouettes": 7.0, "priors": 0.5}
+    own = ScoreSnapshot(pose.frame, tuple(pose.values), {"left": 0.912}, terms, {"left": 0.88}, 9.0)
+    for score in (replace(own, frame=7), replace(own, values=(0.0,)), own):
+        panel.show_score(score)
+        assert ("overlap" in panel.card.content) == (score is own)
 
 
 def test_the_engine_scores_the_pose_that_is_shown(tmp_path, left_open):

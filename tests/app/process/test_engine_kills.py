@@ -49,7 +49,7 @@ class Editor:
         rng.choice((self._pose, self._pose, self._pin, self._setting, self._accept))()
 
     def _pose(self):
-        frame, bend = rng_frame(self.rng), round(self.rng.uniform(0.1, 1.0), 4)
+        frame, bend = self.rng.randrange(1, 6), round(self.rng.uniform(0.1, 1.0), 4)
         self._send("set_pose", frame, values_with(bend), self.sent + 1)
         self._expect(f"pose/{frame}", bend)
 
@@ -68,7 +68,7 @@ class Editor:
 
     def _accept(self):
         """Accept a frame or let it go; at times that is undone: one step too many or too few would show."""
-        frame = rng_frame(self.rng)
+        frame = self.rng.randrange(1, 6)
         on = frame not in self.accepted
         pose = frame in {int(k.split("/")[1]) for k in self.expected if k.startswith("pose/")}
         if not pose:
@@ -96,10 +96,6 @@ class Editor:
             for key, (value, number) in self.expected.items()
             if number <= upto and (found := plain(key, state.get(key))) != value
         ]
-
-
-def rng_frame(rng):
-    return rng.randrange(1, 6)
 
 
 def plain(key, value):

@@ -44,7 +44,7 @@ def _pickle(folder: Path) -> Path:
 
 def _bomb(folder: Path) -> Path:
     with zipfile.ZipFile(folder / "c.npz", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("K.npy", bytes(400 << 20))
+        archive.writestr("K.npy", bytes(260 << 20))
     return folder / "c.npz"
 
 
