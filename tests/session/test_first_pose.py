@@ -20,11 +20,10 @@ from handtrack.tracking.search.engine import Candidate
 from tests.detector.fake_detector import FakeDetector
 from tests.session.small_session import add_joints, edit, keypoints, make_session, write_init
 
-XYZ: list[Any] = keypoints().tolist()
-
 
 def test_keypoints_with_unknown_rows(tmp_path):
-    write_init(tmp_path, frame=18, xyz=[None, [None, None, None], *XYZ[2:]])
+    known = keypoints()[2:].tolist()
+    write_init(tmp_path, frame=18, xyz=[None, [None, None, None], *known])
     pose = read_first_pose(tmp_path / "init.json")
     assert pose.frame == 18
     assert pose.parameters == {}

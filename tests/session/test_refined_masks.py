@@ -12,7 +12,7 @@ from handtrack.session.layout import MASKS_FOLDER
 from handtrack.session.refined_masks import MaskRefinement
 from tests.capture.seeded_scenes import Recording, recording
 from tests.sample_track import labels_of, posed_frame
-from tests.session.test_seeded_session import CALIBRATION, SETTINGS
+from tests.session.test_seeded_session import images_in, opened
 
 OFF_M = 0.003
 LOST = 5
@@ -36,12 +36,8 @@ def drawn() -> Recording:
 
 @pytest.fixture
 def session(tmp_path: Path, drawn: Recording) -> Session:
-    (tmp_path / "cam0").mkdir()
-    for frame, image in enumerate(drawn.images):
-        cv2.imwrite(str(tmp_path / "cam0" / f"{frame:03d}.png"), image)
-    (tmp_path / "calibration.toml").write_text(CALIBRATION)
-    (tmp_path / "session.toml").write_text(SETTINGS.format(masks='{ method = "skin_ycrcb" }'))
-    return Session.open(tmp_path)
+    images_in(tmp_path, drawn)
+    return opened(tmp_path, '{ method = "skin_ycrcb" }')
 
 
 def test_masks_by_poses_are_right(session, drawn, rng):

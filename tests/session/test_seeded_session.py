@@ -11,7 +11,7 @@ from handtrack import HandtrackError, Session
 from handtrack.capture.images.openpose import write_hand
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 from handtrack.session.doctor.check_views import check_view
-from tests.capture.seeded_scenes import SIZE, recording
+from tests.capture.seeded_scenes import SIZE, Recording, recording
 
 SETTINGS = """
 [session]
@@ -39,16 +39,22 @@ NOBODY = (3, *range(8, 15))
 drawn = cache(lambda: recording("even", np.random.default_rng(7), 16))
 
 
+def images_in(folder: Path, drawn: Recording) -> None:
+    """Write the images of a camera, and its calibration."""
+    (folder / "cam0").mkdir()
+    for frame, image in enumerate(drawn.images):
+        cv2.imwrite(str(folder / "cam0" / f"{frame:03d}.png"), image)
+    (folder / "calibration.toml").write_text(CALIBRATION)
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    for name in ("cam0", "joints"):
-        (tmp_path / name).mkdir()
-    for frame, image in enumerate(drawn().images):
-        cv2.imwrite(str(tmp_path / "cam0" / f"{frame:03d}.png"), image)
+    images_in(tmp_path, drawn())
+    (tmp_path / "joints").mkdir()
+    for frame in drawn().frames:
         points = np.array([[*at, 0.9] for at in drawn().joints[frame].values()])
         hand = None if frame in NOBODY else points
         write_hand(tmp_path / "joints" / f"{frame:03d}.json", hand, "right", "test")
-    (tmp_path / "calibration.toml").write_text(CALIBRATION)
     return tmp_path
 
 
