@@ -75,16 +75,19 @@ HAND = replace(HAND, proportions={"palm_breadth": 1.1, "thenar": -0.8, "finger_f
 BODY = HandScale(1.05, {"thighs": 1.06, "head": 0.97}, {"hip_width": 1.2, "clavicle_height": -0.7})
 
 
-@pytest.fixture(params=["hand", "left hand", "body", "body seen"])
+SEEN = ("left_hip", "right_hip", "left_wrist", "right_wrist")
+SIZES = {
+    "hand": SizeParameters(load_model(scale=HAND, forearm=True)),
+    "left hand": SizeParameters(load_model("hand26", "left", HAND, forearm=True)),
+    "body": SizeParameters(load_model("body34", scale=BODY)),
+    "body seen": SizeParameters(load_model("body34", scale=BODY), SEEN),
+}
+"""counted from somebody who is not the mean adult"""
+
+
+@pytest.fixture(params=SIZES)
 def size(request):
-    """Sizes counted from somebody who is not the mean adult."""
-    if request.param == "body":
-        return SizeParameters(load_model("body34", scale=BODY))
-    if request.param == "body seen":
-        paired = ("left_hip", "right_hip", "left_wrist", "right_wrist")
-        return SizeParameters(load_model("body34", scale=BODY), paired)
-    side = "left" if request.param == "left hand" else "right"
-    return SizeParameters(load_model("hand26", side, HAND, forearm=True))
+    return SIZES[request.param]
 
 
 def posed(model, rng):

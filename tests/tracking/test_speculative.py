@@ -89,15 +89,6 @@ def test_frames_go_on_while_a_search_runs_and_come_again(monkeypatch):
     assert path.glanced == list(range(4 + AHEAD))
 
 
-def test_no_frame_goes_ahead_of_searches_that_find_something(monkeypatch):
-    always, never = frozenset(range(COUNT)), frozenset[int]()
-    for finds, most in ((always, 1 + AHEAD), (never, COUNT), (frozenset({10}), COUNT + AHEAD)):
-        path = Path(always, finds)
-        path.gate.set()
-        poses(path, 2, monkeypatch)
-        assert len(path.glanced) <= most
-
-
 def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
     path, early = Path(frozenset({3, 5, 40}), frozenset({3, 5, 40})), []
     searches, begun = [], SpeculativeExecution._begun
