@@ -99,14 +99,8 @@ def frames_of(session, take=1):
     return Store(session / "tracks").take(take).frames
 
 
-def killed_at_write(number, session):
-    """Track in a process of its own; its n-th write to a file of the store is cut in half, and it is killed there."""
-    child = copy_of_a_fresh_process(_track_until_write, number, session)
-    child.join()
-    return child.exitcode
-
-
 def _track_until_write(number, session):
+    """Track; the n-th write to a file of the store is cut in half, and this process is killed there."""
     left, really = number, os.write
 
     def write(handle, data):
@@ -130,7 +124,9 @@ def test_a1_killed_at_random_moments_the_same_command_ends_with_the_same_bytes(
     for _ in range(4):
         before = frames_of(session) if (session / "tracks/takes").exists() else ()
         writes = moments.randint(1, 4)
-        assert killed_at_write(writes, session) == -signal.SIGKILL
+        child = copy_of_a_fresh_process(_track_until_write, writes, session)
+        child.join()
+        assert child.exitcode == -signal.SIGKILL
         if writes > 2:  # the lease, then what the take is about, then frames
             assert len(frames_of(session)) >= min(len(before) + writes - 3, FRAMES)
         (lease,) = (session / "tracks").glob("lease-*.json")

@@ -38,17 +38,12 @@ def shortened(words):
     return [numbers.get(option, word) for option, word in zip(["", *words], words, strict=False)]
 
 
-@pytest.fixture
-def short_material(tmp_path_factory, monkeypatch):
-    """The bundled recording is one of a few frames."""
-    if not WHOLE:
-        shelf = tmp_path_factory.mktemp("shelf")
+def test_every_command_of_the_tutorial_runs(handtrack, tmp_path, monkeypatch):
+    if not WHOLE:  # the bundled recording is one of a few frames
+        shelf = tmp_path / "shelf"
         simulate(shelf / "another_hand", Simulation(frames=FRAMES, size=(160, 120)))
         monkeypatch.setattr(bundled, "_CHECKOUT", shelf)
         monkeypatch.setattr(bundled, "_INSTALLED", shelf / "none")
-
-
-def test_every_command_of_the_tutorial_runs(handtrack, tmp_path, monkeypatch, short_material):
     monkeypatch.chdir(tmp_path)
     ran = set()
     for program, *words in lines("start/hand.md"):

@@ -250,13 +250,9 @@ def test_a11_a_large_message_ends_its_sender_only(small):
         eventually(lambda: 4.0 in small.heard, "the other one goes on")
 
 
-@pytest.fixture
-def at_once(monkeypatch):
-    """However slow the machine, all that is sent comes at one moment."""
+def test_a11_pings_without_end_send_their_sender_away(small, monkeypatch):
+    # however slow the machine, all that is sent comes at one moment
     monkeypatch.setattr("handtrack_app.door.access.Flow", partial(Flow, Clock()))
-
-
-def test_a11_pings_without_end_send_their_sender_away(at_once, small):
     ping = b"\x89\xfd" + bytes(4 + 125)
     with WireClient(small.url) as client:
         with contextlib.suppress(OSError):

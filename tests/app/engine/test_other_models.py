@@ -66,16 +66,12 @@ def test_a_take_of_another_model_is_brought_back_with_its_model(tmp_path):
     assert len(store.document.model.parameter_names) == 6 and store.document.hidden
 
 
-def _arm_decided_while_tracking(folder):
-    """Track as `handtrack track --init auto` does that finds a forearm: only the take knows of it."""
-    store = opened(folder)
-    store.document.apply(decide(forearm=np.inf))  # nothing is written of it
-    tracked(store).close()
-
-
 @pytest.mark.parametrize("held_by_another", [False, True])
 def test_a_session_opens_with_the_arm_that_its_track_has(tmp_path, held_by_another):
-    _arm_decided_while_tracking(tmp_path)
+    """Tracked as `handtrack track --init auto` does that finds a forearm: only the take knows of it."""
+    store = opened(tmp_path)
+    store.document.apply(decide(forearm=np.inf))  # nothing is written of it
+    tracked(store).close()
     other = opened(tmp_path) if held_by_another else None
     document = opened(tmp_path).document
     assert document.model.has_forearm and not document.hidden

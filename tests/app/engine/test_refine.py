@@ -227,22 +227,18 @@ def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(
     eventually(lambda: worker.document.pose_at(8).tolist() == pinned.tolist(), "where pins led")
 
 
-def _posing(store):
-    """Return the service of a session without jobs and pages, whose edits are written at once."""
-    edit = lambda _frame, edit, words, *_: store.do(words, edit)  # noqa: E731
-    opened_ = SimpleNamespace(
-        document=store.document, store=store, jobs=None, publish=None, edit=edit
-    )
-    return PosingService(cast("OpenSession", opened_))
-
-
 def _with_pin(store, frame):
+    """Set a pin by the service of a session without jobs and pages, whose edits are written at once."""
     document = store.document
+    edit = lambda _frame, edit, words, *_: store.do(words, edit)  # noqa: E731
+    session = SimpleNamespace(document=document, store=store, jobs=None, publish=None, edit=edit)
     model = document.model
     bones = model.bones(model.params_within_limits(document.pose_at(frame)))
     at = model.joint_positions(bones)[model.joint_names.index("ring_tip")]
     pin = Pin("front", _pixel(document, at + (0.0, -0.01, 0.0)), "ring_tip")
-    _posing(store).set_pin(frame, pin.camera, pin.pixel, 1, Hold("ring_tip"), tag="drag")
+    PosingService(cast("OpenSession", session)).set_pin(
+        frame, pin.camera, pin.pixel, 1, Hold("ring_tip"), tag="drag"
+    )
     return pin
 
 

@@ -1,5 +1,7 @@
 """Settings changed on the page are saved to session.toml: they alone, with the file before kept; or told why not."""
 
+from unittest.mock import Mock
+
 import pytest
 
 from handtrack import HandScale, HandtrackError
@@ -61,17 +63,14 @@ def test_a_file_that_cannot_be_changed_is_left_alone_and_nothing_is_lost(store, 
     if text is not None:
         path.write_text(text, encoding="utf-8")
     if text == TEXT:  # which is right, in a folder that is read-only
-        monkeypatch.setattr(toml_edit, "replace_text", locked)
+        locked = PermissionError(13, "Permission denied", str(path))
+        monkeypatch.setattr(toml_edit, "replace_text", Mock(side_effect=locked))
     with pytest.raises(HandtrackError):
         saving.save_settings(store)
     assert (path.read_text(encoding="utf-8") if path.exists() else None) == text
     again = Persistence.open(fake_document(store.folder))
     again.restore()
     assert again.document.run.settings.solver.iterations == 7
-
-
-def locked(path, text):
-    raise PermissionError(13, "Permission denied", str(path))
 
 
 def test_the_fitted_size_is_kept(tmp_path):

@@ -84,16 +84,13 @@ def bends(monkeypatch):
     return asked
 
 
-def _bend(worker):
-    return worker.document.shown[worker.document.model.parameter_names.index("index_pip_flex")]
-
-
 def test_a_change_and_its_fit_are_one_step(worker, listener, bends):
     before = listener.wait(snapshots.PoseSnapshot).values
     worker.engine.refit_while_tuning(True)
     worker.engine.set_setting("silhouettes.weight", 3.0)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
-    assert _bend(worker) == pytest.approx(0.3)
+    bend = worker.document.model.parameter_names.index("index_pip_flex")
+    assert worker.document.shown[bend] == pytest.approx(0.3)
     assert not worker.document.keyframes(range(12)), "tracking solves it anew"
     assert worker.document.keyframes(range(12), is_led=True).keys() == {3}
     worker.engine.look_before(True)
