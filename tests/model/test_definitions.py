@@ -86,13 +86,10 @@ def test_scale_per_hand_and_per_finger():
 
 def test_spread_shrinks_as_the_knuckle_bends():
     model = load_model()
-    flex, abd = (
-        model.skeleton.parameter("index_mcp_flex"),
-        model.skeleton.parameter("index_mcp_abd"),
-    )
-    straight, bent = np.zeros(26), np.zeros(26)
-    bent[flex] = np.deg2rad(90)
-    assert np.ptp(model.limits.bounds(bent)[abd]) < 0.5 * np.ptp(model.limits.bounds(straight)[abd])
+    abd, bent = model.skeleton.parameter("index_mcp_abd"), np.zeros(26)
+    straight = np.ptp(model.limits.bounds(bent)[abd])
+    bent[model.skeleton.parameter("index_mcp_flex")] = np.deg2rad(90)
+    assert np.ptp(model.limits.bounds(bent)[abd]) < 0.5 * straight
 
 
 @pytest.mark.parametrize("name", ["body34", "body38"])
