@@ -45,7 +45,7 @@ from handtrack.session.session_file import (
     read_session_file,
 )
 from handtrack.session.session_state import CameraCorrection, readable
-from handtrack.session.sources.cache_limits import most_clouds, most_observations
+from handtrack.session.sources.cache_limits import KeptObservation, most_clouds, most_observations
 from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
 from handtrack.session.sources.clouds import CloudSource, cloud_source
 from handtrack.session.sources.session_pins import SessionPins
@@ -90,7 +90,7 @@ class Session:
         self.check_init(self.known_frames)
         self.pins = SessionPins(folder, rig, has_file=self.live is None)
         """where a person pointed at joints and segments"""
-        self._observations = LRUCache[tuple[int, bool, bool], Observation]()
+        self._observations = LRUCache[tuple[int, bool, bool], KeptObservation]()
         self._measured = LRUCache[int, PointCloud | None]()
 
     @classmethod
@@ -408,9 +408,13 @@ class Session:
         return tuple(v for view in self.views if (v := view.undistorted(frame)) is not None)
 
     def _kept(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
-        """Return an observation without a crop, the same one as last time if it is still there."""
+        """Return an observation without a crop; it is kept."""
         key = (frame, silhouettes, cloud)
-        return self._observations.value(key, lambda: self._observe(*key), most_observations)
+
+        def make() -> KeptObservation:
+            return KeptObservation.of(self._observe(*key))
+
+        return self._observations.value(key, make, most_observations).whole
 
     def _observe(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
         if cloud:

@@ -63,6 +63,17 @@ def opened(folder: Path, masks: str, more: str = "") -> Session:
     return Session.open(folder)
 
 
+def test_an_observation_that_is_kept_has_all_that_was_seen(folder):
+    session = opened(folder, '{ method = "seeded" }', JOINTS)
+    made = session.view("cam0").silhouette(2)
+    for _ in range(2):
+        (kept,) = session.observation(2).silhouettes
+        np.testing.assert_array_equal(kept.mask, made.mask)
+        np.testing.assert_array_equal(kept.valid, made.valid)
+        assert (made.mask < 0).any() and (kept.mask > 0).any()
+        kept.mask[:] = 0  # memory of its own
+
+
 def test_masks_start_from_joints(folder):
     session = opened(folder, '{ method = "seeded" }', JOINTS)
     (seen,) = session.observation(2).silhouettes

@@ -1,19 +1,27 @@
-"""How much of what was read of a session is cached, and masks small enough for it."""
+"""How much of what was read of a session is cached, and masks and observations small enough for it."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import Bytes, H, W, array_dataclass
+from handtrack.arrays import D2, Array, Bytes, H, Ints, N, W, array_dataclass
 from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.observation.observation import Observation
+from handtrack.geometry.camera import Camera
+from handtrack.observation.observation import UNKNOWN, Observation, Silhouette
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 
-_FRAMES_KEPT = FRAMES_AHEAD + 4  # those that a search may have solved anew are at hand
-_OBSERVATIONS_KEPT = 2 * _FRAMES_KEPT  # with a cloud, and without
-_PIXELS_KEPT = 400_000_000  # of all masks kept
-_MASK_BYTES_KEPT = 200_000_000  # of one camera's computed masks: the estimate of all frames reads each about five times
+_LEAST_KEPT = 2 * (
+    FRAMES_AHEAD + 4
+)  # those that a search may have solved anew are at hand, with a cloud and without
+_BYTES_KEPT = (
+    400_000_000  # of all observations: the estimate of all frames reads each about five times
+)
+_MASK_BYTES_KEPT = (
+    50_000_000  # of one camera's computed masks: of an observation, and what is shown
+)
 _POINTS_KEPT = 12_000_000  # of all clouds before filtering, 300 MB: the estimate of all frames reads each about six times
 
 
@@ -25,25 +33,37 @@ class CroppedMask:
     """height, width"""
     corner: tuple[int, int]
     """row, column of the part"""
-    part: Bytes[H, W]
+    part: Array[H, W]
+    unknown: Bytes[N] | None
+    """a bit for each pixel of the mask, whether it is UNKNOWN; None where none is"""
 
     @classmethod
-    def of(cls, mask: Bytes[H, W]) -> CroppedMask:
-        """Cut a mask uint8 to the smallest rectangle with all that is not 0."""
-        x, y, width, height = cv2.boundingRect(mask)
-        return cls(mask.shape, (y, x), mask[y : y + height, x : x + width].copy())
+    def of(cls, mask: Array[H, W]) -> CroppedMask:
+        """Cut a mask to the smallest rectangle with all that is above 0."""
+        x, y, width, height = cv2.boundingRect((mask > 0).view(np.uint8))
+        unknown = mask < 0
+        bits = np.packbits(unknown) if unknown.any() else None
+        return cls(mask.shape, (y, x), mask[y : y + height, x : x + width].copy(), bits)
 
     @property
-    def whole(self) -> Bytes[H, W]:
+    def whole(self) -> Array[H, W]:
         """The mask, in memory of its own."""
-        mask, (y, x) = np.zeros(self.size, np.uint8), self.corner
+        mask, (y, x) = np.zeros(self.size, self.part.dtype), self.corner
         mask[y : y + self.part.shape[0], x : x + self.part.shape[1]] = self.part
+        if self.unknown is not None:
+            bits = np.unpackbits(self.unknown, count=mask.size).view(bool)
+            mask[bits.reshape(self.size)] = UNKNOWN
         return mask
+
+    @property
+    def nbytes(self) -> int:
+        """How much memory it takes."""
+        return self.part.nbytes + (0 if self.unknown is None else self.unknown.nbytes)
 
 
 def most_masks(mask: CroppedMask | None) -> int:
     """Return how many masks like one are kept."""
-    return _MASK_BYTES_KEPT // max(mask.part.size if mask else 0, 1000)
+    return _MASK_BYTES_KEPT // max(mask.nbytes if mask else 0, 1000)
 
 
 def most_clouds(cloud: PointCloud | None) -> int:
@@ -52,7 +72,33 @@ def most_clouds(cloud: PointCloud | None) -> int:
     return max(_POINTS_KEPT // size, 1)
 
 
-def most_observations(seen: Observation) -> int:
+@array_dataclass
+class KeptObservation:
+    """An observation whose masks are cut to their hands: undistorting and weighing them takes longer than reading them did."""
+
+    others: Observation
+    """all of it but the silhouettes"""
+    silhouettes: tuple[tuple[Camera, CroppedMask, Ints[H, D2], float], ...]
+    """camera, mask, valid and off_px of each"""
+
+    @classmethod
+    def of(cls, seen: Observation) -> KeptObservation:
+        """Return an observation to keep."""
+        cut = [(s.camera, CroppedMask.of(s.mask), s.valid, s.off_px) for s in seen.silhouettes]
+        return cls(replace(seen, silhouettes=()), tuple(cut))
+
+    @property
+    def whole(self) -> Observation:
+        """The observation, its masks in memory of their own."""
+        silhouettes = (
+            Silhouette(camera, mask.whole, valid, off_px)
+            for camera, mask, valid, off_px in self.silhouettes
+        )
+        return replace(self.others, silhouettes=tuple(silhouettes))
+
+
+def most_observations(kept: KeptObservation) -> int:
     """Return how many observations like one are kept."""
-    pixels = sum(silhouette.mask.size for silhouette in seen.silhouettes)
-    return min(_PIXELS_KEPT // max(pixels, 1) + 2, _OBSERVATIONS_KEPT)
+    cloud = 0 if kept.others.cloud is None else kept.others.cloud.points.nbytes
+    size = cloud + sum(mask.nbytes for _, mask, *_ in kept.silhouettes)
+    return max(_BYTES_KEPT // max(size, 1000), _LEAST_KEPT)
