@@ -63,7 +63,7 @@ class Workbench:
         self._open_pages, self._is_demo = open_pages, demo
         self.folder, self.host, self.wanted_port = plan.folder, host, port
         self.state = UserState()
-        self._snapshots: Mailbox[snapshots.Snapshot | Drawn | None] = Mailbox(_kind_of)
+        self._snapshots: Mailbox[snapshots.Snapshot | Drawn] = Mailbox(_kind_of)
         self._held: snapshots.PoseSnapshot | None = None
         """of a frame that is played, until the page has drawn the one before"""
         self.worker = engine(self._snapshots.put)
@@ -121,7 +121,7 @@ class Workbench:
         self._stopping.set()
         self.player.stop()
         self.worker.stop(self._ends_within_s)
-        self._snapshots.put(None)  # the view may wait for one
+        self._snapshots.close()
         self._thread.join(5.0)
         self.door.close()
 

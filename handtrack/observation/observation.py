@@ -75,8 +75,7 @@ def coverage_of(mask: Array[H, W], size: tuple[int, int], who: str) -> Array[H, 
             if low < 0
             else values / np.float32(_BYTE)
         )
-    below = np.count_nonzero(values < 0) if low < 0 else 0
-    if below and below != np.count_nonzero(np.abs(values - UNKNOWN) < _ROUNDING):
+    if low < 0 and not ((values >= 0) | (np.abs(values - UNKNOWN) < _ROUNDING)).all():
         raise HandtrackError(
             f"{who}: its lowest value is {low:g}; expected 0 for background, or −1 (or NaN) where nobody can tell."
         )

@@ -183,8 +183,8 @@ class TrackingRun:
 
     def with_arm_of(self, tracked: Iterable[FrameResult]) -> TrackingRun:
         """Return the run whose forearm is as long as tracked frames, spread evenly, show it: none, a cuff, or a whole one. The same
-        where they show about that, or nothing, or where it is not left to the program; and where the forearm's end was found
-        with the shape, of which masks along an axis tell less.
+        where they show about that, or nothing, or where it is not left to the program; and where the forearm's end was estimated
+        with the shape, which is more exact than how far masks reach along its axis.
         """
         posed = sorted((r for r in tracked if r.status != Status.LOST), key=lambda r: r.frame)
         done = [r for r in posed if r.status == Status.TRACKED] or posed

@@ -45,7 +45,12 @@ from handtrack.session.session_file import (
     read_session_file,
 )
 from handtrack.session.session_state import CameraCorrection, readable
-from handtrack.session.sources.cache_limits import KeptObservation, most_clouds, most_observations
+from handtrack.session.sources.cache_limits import (
+    LEAST_KEPT,
+    KeptObservation,
+    most_clouds,
+    most_observations,
+)
 from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
 from handtrack.session.sources.clouds import CloudSource, cloud_source
 from handtrack.session.sources.session_pins import SessionPins
@@ -408,13 +413,14 @@ class Session:
         return tuple(v for view in self.views if (v := view.undistorted(frame)) is not None)
 
     def _kept(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
-        """Return an observation without a crop; it is kept."""
+        """Return an observation without a crop, and keep it; of running cameras the latest, since frames count anew when they begin again."""
         key = (frame, silhouettes, cloud)
 
         def make() -> KeptObservation:
             return KeptObservation.of(self._observe(*key))
 
-        return self._observations.value(key, make, most_observations).whole
+        most = most_observations if self.live is None else lambda _: LEAST_KEPT
+        return self._observations.value(key, make, most).whole
 
     def _observe(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
         if cloud:

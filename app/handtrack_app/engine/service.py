@@ -85,7 +85,7 @@ class NewestFirst(Generic[Made]):
     def stop(self, timeout: float = 5.0) -> None:
         """End the thread, after what it is making."""
         self._stopping.set()
-        self._mail.put(("", lambda: None))  # it may wait for an order
+        self._mail.close()
         if self._thread.is_alive():
             self._thread.join(timeout)
 

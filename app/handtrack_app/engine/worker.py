@@ -119,7 +119,7 @@ class Worker:
         self._stopping.set()
         if self.session is not None:
             self.session.jobs.stop(timeout)
-        self._mail.put(lambda: None)  # it may wait for a call
+        self._mail.close()
         self._thread.join(timeout)
         self._render_thread.stop(timeout)
         self._compiles.close()

@@ -164,6 +164,13 @@ class Mailbox(Generic[Item]):
         self._kind, self._is_step = kind, is_step
         self._items: deque[Item] = deque()
         self._ready = threading.Condition()
+        self._closed = False
+
+    def close(self) -> None:
+        """Let nobody wait for an item any more; those that are there can still be taken."""
+        with self._ready:
+            self._closed = True
+            self._ready.notify_all()
 
     def put(self, item: Item) -> None:
         """Add an item at the end, dropping a waiting one that it replaces."""
@@ -181,11 +188,10 @@ class Mailbox(Generic[Item]):
             self._ready.notify()
 
     def take(self, timeout: float | None = None) -> Item | None:
-        """Return the oldest item, or None when `timeout` [s] has passed."""
+        """Return the oldest item, or None when `timeout` [s] has passed, or the box is empty and closed."""
         with self._ready:
-            if not self._ready.wait_for(lambda: bool(self._items), timeout):
-                return None
-            return self._items.popleft()
+            self._ready.wait_for(lambda: self._items or self._closed, timeout)
+            return self._items.popleft() if self._items else None
 
     def __len__(self) -> int:
         return len(self._items)

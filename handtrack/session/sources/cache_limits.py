@@ -13,16 +13,14 @@ from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import UNKNOWN, Observation, Silhouette
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 
-_LEAST_KEPT = 2 * (
-    FRAMES_AHEAD + 4
-)  # those that a search may have solved anew are at hand, with a cloud and without
-_BYTES_KEPT = (
-    400_000_000  # of all observations: the estimate of all frames reads each about five times
-)
-_MASK_BYTES_KEPT = (
-    50_000_000  # of one camera's computed masks: of an observation, and what is shown
-)
-_POINTS_KEPT = 12_000_000  # of all clouds before filtering, 300 MB: the estimate of all frames reads each about six times
+LEAST_KEPT = 2 * (FRAMES_AHEAD + 4)
+"""observations that are kept however large: those that a search may have solved anew, with a cloud and without"""
+_BYTES_KEPT = 400_000_000
+"""of all observations: the estimate of all frames reads each about five times"""
+_MASK_BYTES_KEPT = 50_000_000
+"""of one camera's computed masks, which clouds and the page read beside observations"""
+_POINTS_KEPT = 12_000_000
+"""of all clouds before filtering, 300 MB: the estimate of all frames reads each about six times"""
 
 
 @array_dataclass
@@ -101,4 +99,4 @@ def most_observations(kept: KeptObservation) -> int:
     """Return how many observations like one are kept."""
     cloud = 0 if kept.others.cloud is None else kept.others.cloud.points.nbytes
     size = cloud + sum(mask.nbytes for _, mask, *_ in kept.silhouettes)
-    return max(_BYTES_KEPT // max(size, 1000), _LEAST_KEPT)
+    return max(_BYTES_KEPT // max(size, 1000), LEAST_KEPT)
