@@ -97,7 +97,6 @@ def test_nothing_of_a_frame_is_lost_on_the_way(rng, tmp_path):
         ({"model": np.array(3)}, "model holds int64; expected text"),
         ({"frame": np.array([-1, 1, 2, 3, 4])}, "frame -1; expected numbers from 0"),
         ({"time_s": np.array([0, 1, np.nan, 3, 4])}, "time_s of frame "),
-        ({"settings": np.array({"a": 1}, dtype=object)}, "not a readable .npz of plain arrays"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_said(rng, tmp_path, changes, message):
