@@ -12,12 +12,11 @@ from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.files.versions import versions
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.protocol import snapshots
-from tests.app.calls import call
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
 from tests.app.desk import working
 from tests.app.waiting import eventually
 
-SKIN = call("set_masks", "", {"method": "skin_ycrcb"})
+SKIN = {"method": "skin_ycrcb"}
 X, Y = BOX[0] + BOX[2] // 2, BOX[1] + BOX[3] // 2
 """amid the skin, in cam0"""
 
@@ -39,8 +38,8 @@ def masks_told(listener, test):
     return listener.wait(snapshots.SessionSnapshot, lambda s: test(s.masks)).masks
 
 
-def stroke(frame=0, brush="hand", camera="cam0"):
-    return call("paint_mask", frame, camera, brush, ((10.0, 60.0), (20.0, 60.0)), 4.0, brush)
+def stroke(worker, frame=0, brush="hand"):
+    worker.engine.paint_mask(frame, "cam0", brush, ((10.0, 60.0), (20.0, 60.0)), 4.0, brush)
 
 
 def held(worker):
@@ -58,7 +57,7 @@ def test_a_method_is_tried_over_all_cameras_at_once(desk):
     assert "skin_ycrcb" in first.cameras[0].possible
     assert {"seeded", "depth_range", "files"}.isdisjoint(first.cameras[0].possible)
     worker.engine.want_masks(True)
-    worker.send(SKIN)
+    worker.engine.set_masks("", SKIN)
     card = masks_told(listener, lambda c: method(c) == "skin_ycrcb")
     assert card.unsaved == ("cam0", "cam1")
     assert card.cameras[0].values["cr"] == (138, 175)
@@ -76,7 +75,7 @@ def test_a_method_is_tried_over_all_cameras_at_once(desk):
 
 def test_what_is_tried_is_saved_and_taken_back(desk):
     worker, listener, folder = desk
-    worker.send(SKIN)
+    worker.engine.set_masks("", SKIN)
     worker.engine.set_masks("cam1", {"roi": (10, 5, 60, 50)})
     worker.engine.set_masks("cam0", {"cr": (140, 170)})
     worker.engine.save_masks()
@@ -103,10 +102,10 @@ def test_what_is_tried_is_saved_and_taken_back(desk):
 
 def test_a_stroke_becomes_a_file_and_is_undone(desk):
     worker, listener, folder = desk
-    worker.send(SKIN)
+    worker.engine.set_masks("", SKIN)
     worker.engine.save_masks()
     worker.engine.want_masks(True)
-    worker.send(stroke())
+    stroke(worker)
     listener.wait(
         snapshots.MaskPicture, lambda p: p.corrected["cam0"].startswith("corrected here; 1")
     )
@@ -114,7 +113,7 @@ def test_a_stroke_becomes_a_file_and_is_undone(desk):
     for session in (worker.document.run.session, Session.open(folder)):  # tracking sees it, too
         seen = session.observation(0).silhouettes[0]
         assert (seen.mask[60, 15], seen.mask[50, 15], seen.mask[Y, X]) == (1, 0, 1)
-    worker.send(stroke(brush="as it is"))
+    stroke(worker, brush="as it is")
     eventually(lambda: not file_of(folder).exists(), "nothing is left of it")
     worker.engine.undo(1)
     eventually(lambda: file_of(folder).is_file(), "undone")
@@ -131,11 +130,11 @@ def test_what_was_painted_comes_back_and_a_file_from_elsewhere_counts_and_is_kep
     folder = cloudy_session(tmp_path)
     worker, _ = working(folder)
     looks, listener = working(folder)
-    looks.send(stroke())
+    stroke(looks)
     listener.refused()
     looks.stop()
     assert not held(looks) and not file_of(folder).exists(), "who may not write may not paint"
-    worker.send(stroke())
+    stroke(worker)
     eventually(lambda: held(worker) == [0], "painted")
     worker.stop()  # before edits rest
     assert file_of(folder).is_file()
@@ -153,7 +152,7 @@ def test_what_was_painted_comes_back_and_a_file_from_elsewhere_counts_and_is_kep
     corrections = again.document.run.session.view("cam0").corrections
     for frame in (0, 1):
         assert corrections.content(frame) == theirs
-        again.send(stroke(frame))
+        stroke(again, frame)
     for frame in (0, 1):
         eventually(lambda frame=frame: len(versions(file_of(folder, frame))) == 1, "theirs is kept")
     layer = corrections.layer(1)
@@ -206,10 +205,10 @@ def test_files_are_said_to_be_files_and_stay(tmp_path):
     assert method(card) == "files"
     assert card.words.startswith("Masks of cam0 are files.")
     before = (folder / "masks" / "0.png").read_bytes()
-    worker.send(stroke())
+    stroke(worker)
     eventually(lambda: file_of(folder).is_file(), "painted over it")
     assert (folder / "masks" / "0.png").read_bytes() == before
-    worker.send(SKIN)
+    worker.engine.set_masks("", SKIN)
     worker.engine.save_masks()
     eventually(lambda: "skin_ycrcb" in (folder / "session.toml").read_text(), "saved")
     assert "mask_unknown" not in (folder / "session.toml").read_text()

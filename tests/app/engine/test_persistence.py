@@ -21,21 +21,6 @@ from tests.app.opened import did, opened, posed, spans, tracked
 pytestmark = pytest.mark.usefixtures("left_open")
 
 
-def test_poses_and_settings_come_back_after_a_crash(tmp_path):
-    store = opened(tmp_path)
-    posed(store, 5, 0.01)
-    values = store.document.by_hand[5].copy()
-    did(store, decide(setting={"silhouettes.weight": 2.5}))
-    did(store, edits.limits(store.document, "index_mcp_flex", (0.0, 0.5)))
-    # no close: the process is gone
-    again = opened(tmp_path)
-    assert_array_equal(again.document.by_hand[5], values)
-    assert again.document.run.settings.silhouettes.weight == 2.5
-    assert again.document.state.limits == {"index_mcp_flex": (0.0, 0.5)}
-    assert again.document.state == store.document.state
-    assert again.restore() == "Restored from last time: 1 pose set by hand, 2 changed settings."
-
-
 def test_frames_that_no_page_tracked_are_no_return(tmp_path):
     """As after an import, or by `handtrack track`."""
     tracked(opened(tmp_path))
@@ -55,6 +40,10 @@ def test_tracking_again_overwrites_nothing(tmp_path):
     assert not np.array_equal(store.document.results[8].parameters, good)
     assert 6 not in store.document.by_hand, "tracked from there"
     again = opened(tmp_path)
+    for now in (store, again):
+        now.document.show(8)
+        before = pose_before(now.document, now.history)
+        assert_allclose(before, good, atol=1e-9, err_msg="of two trackings the one below")
     assert spans(again) == (Span(1, 0, 6), Span(2, 6, FRAMES))
     assert 6 not in again.document.by_hand, "it does not come back over what was tracked"
     action = again.undo()
@@ -136,21 +125,3 @@ def test_it_is_the_pose_before_the_last_step_that_changed_this_frame(tmp_path, l
     store.undo()
     document.show(5)
     assert_allclose(document.shown[6:], document.start[6:] + 0.05, atol=1e-9)
-
-
-def test_of_two_trackings_it_is_the_frame_of_the_one_below(tmp_path, left_open):
-    store = tracked(opened(tmp_path), first=3)
-    document = store.document
-    first = document.results[8].parameters.copy()
-    posed(store, 6, by=0.1)
-    tracked(store, first=6)
-    document.show(8)
-    assert not np.allclose(document.shown, first)
-    was = pose_before(document, store.history)
-    assert was is not None
-    assert_array_equal(was, first)
-    again = opened(tmp_path)
-    again.document.show(8)
-    back = pose_before(again.document, again.history)
-    assert back is not None
-    assert_allclose(back, first, atol=1e-9)

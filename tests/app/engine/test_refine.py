@@ -2,24 +2,18 @@
 Pins: a joint is pulled to a pixel, the hand follows; undone, dropped, copied, kept, tracked and refined by."""
 
 import json
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import HandScale
-from handtrack.observation.pins import Pin
 from handtrack.store.store import Store
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.open_session import OpenSession
-from handtrack_app.engine.posing_service import PosingService
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.snapshots import Hold
-from tests.app.calls import call
 from tests.app.desk import a_desk, pose_with
 from tests.app.fake_run import FRAMES
 from tests.app.opened import opened, tracked
@@ -191,14 +185,15 @@ def test_a_joint_that_is_pulled_in_two_pictures_comes_to_the_point_until_pins_ar
 
 
 def test_what_is_no_pin_is_refused_in_words(worker, listener):
-    for version, pin in enumerate((
-        call("set_pin", 3, "front", (float("nan"), 1.0), 1, Hold("index_tip")),
-        call("set_pin", 3, "front", (1e9, 1.0), 2, Hold("index_tip")),
-        call("set_pin", 3, "nowhere", (1.0, 1.0), 3, Hold("index_tip")),
-        call("set_pin", 3, "front", (1.0, 1.0), 4, Hold("wing")),
-    )):  # fmt: skip
-        worker.send(pin)
-        eventually(lambda n=version: len(_errors(listener)) == n + 1, "told")
+    pins = (
+        ("front", (float("nan"), 1.0), "index_tip"),
+        ("front", (1e9, 1.0), "index_tip"),
+        ("nowhere", (1.0, 1.0), "index_tip"),
+        ("front", (1.0, 1.0), "wing"),
+    )
+    for version, (camera, pixel, joint) in enumerate(pins, 1):
+        worker.engine.set_pin(3, camera, pixel, version, Hold(joint))
+        eventually(lambda n=version: len(_errors(listener)) == n, "told")
     assert not any("internal" in text.lower() for text in _errors(listener))
     assert worker.document.run.session.pins.frames == []
 
@@ -227,38 +222,24 @@ def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(
     eventually(lambda: worker.document.pose_at(8).tolist() == pinned.tolist(), "where pins led")
 
 
-def _with_pin(store, frame):
-    """Set a pin by the service of a session without jobs and pages, whose edits are written at once."""
-    document = store.document
-    edit = lambda _frame, edit, words, *_: store.do(words, edit)  # noqa: E731
-    session = SimpleNamespace(document=document, store=store, jobs=None, publish=None, edit=edit)
-    model = document.model
-    bones = model.bones(model.params_within_limits(document.pose_at(frame)))
-    at = model.joint_positions(bones)[model.joint_names.index("ring_tip")]
-    pin = Pin("front", _pixel(document, at + (0.0, -0.01, 0.0)), "ring_tip")
-    PosingService(cast("OpenSession", session)).set_pin(
-        frame, pin.camera, pin.pixel, 1, Hold("ring_tip"), tag="drag"
-    )
-    return pin
-
-
-def test_pins_are_written_and_come_back_with_the_session(tmp_path, left_open):
-    store = tracked(opened(tmp_path))
-    pin = _with_pin(store, 5)
-    (row,) = json.loads((tmp_path / "pins.json").read_text())["pins"]
-    assert (row["frame"], row["joint"]) == (5, "ring_tip")
+def test_pins_come_back_with_the_session_unless_their_file_was_changed_elsewhere(
+    worker, listener, tmp_path, left_open
+):
+    _pull(worker, listener, 1)
+    pulled = listener.pose(2)
+    worker.stop()
+    path = tmp_path / "pins.json"
+    rows = json.loads(path.read_text())["pins"]
+    assert [(row["frame"], row["joint"]) for row in rows] == [(3, "index_tip")] * 2
     again = opened(tmp_path)
-    (back,) = again.document.run.session.pins.of(5)
-    assert_allclose(back.pixel, pin.pixel, atol=2e-3)
-    assert again.document.decided_pose(5).pinned
+    for back, pin in zip(again.document.run.session.pins.of(3), pulled.pins, strict=True):
+        assert_allclose(back.pixel, pin.pixel, atol=2e-3)
+    assert again.document.decided_pose(3).pinned
     again.undo()
-    assert not (tmp_path / "pins.json").exists()
-
-
-def test_who_changed_the_file_elsewhere_is_right(tmp_path, left_open):
-    _with_pin(tracked(opened(tmp_path)), 5)
+    assert not path.exists()
+    again.redo()
     other = {"frame": 6, "camera": "side", "joint": "wrist", "pixel": [40.0, 30.0]}
-    (tmp_path / "pins.json").write_text(json.dumps({"format": 1, "pins": [other]}))
-    again = opened(tmp_path)
-    assert again.document.run.session.pins.frames == [6]
-    assert 5 not in again.document.state.pins
+    path.write_text(json.dumps({"format": 1, "pins": [other]}))
+    elsewhere = opened(tmp_path)
+    assert elsewhere.document.run.session.pins.frames == [6]
+    assert 3 not in elsewhere.document.state.pins

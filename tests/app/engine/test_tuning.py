@@ -1,8 +1,8 @@
 """Tuning: the method as one change of the session's state; refit while tuning: a change moves the hand, one step of undo; the newest wins."""
 
 import threading
+from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -70,23 +70,31 @@ def test_experts_choose_method_distance_and_sharpness_on_the_page(bench, wire):
 
 
 @pytest.fixture
-def bends(monkeypatch):
-    """A fit that bends the index finger to a tenth of the silhouettes' weight; return the weights that it was asked for."""
-    asked = []
+def fits(monkeypatch):
+    """Fits that bend the index finger to a tenth of the silhouettes' weight; with a weight of 2 they wait until they may go on."""
+    fits = SimpleNamespace(asked=[], waits=threading.Event(), goes_on=threading.Event())
 
     def fitted(model, settings, seen, params, should_stop):
-        asked.append(settings.silhouettes.weight)
+        weight = settings.silhouettes.weight
+        fits.asked.append(weight)
+        if weight == 2.0:
+            fits.waits.set()
+            eventually(lambda: fits.goes_on.is_set() or should_stop(), "it goes on, or is stopped")
+            if should_stop():
+                return None
         joint = model.joint_params(params)
-        joint[model.parameter_names.index("index_pip_flex")] = settings.silhouettes.weight / 10
+        joint[model.parameter_names.index("index_pip_flex")] = weight / 10
         return model.clipped(model.transform.solver_params(joint))
 
     monkeypatch.setattr(tuning_service, "fitted_again", fitted)
-    return asked
+    return fits
 
 
-def test_a_change_and_its_fit_are_one_step(worker, listener, bends):
+def test_a_change_and_its_fit_are_one_step_and_the_newest_change_wins(worker, listener, fits):
     before = listener.wait(snapshots.PoseSnapshot).values
     worker.engine.refit_while_tuning(True)
+    worker.engine.set_setting("silhouettes.weight", 2.0)
+    assert fits.waits.wait(60.0)
     worker.engine.set_setting("silhouettes.weight", 3.0)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
     bend = worker.document.model.parameter_names.index("index_pip_flex")
@@ -102,42 +110,13 @@ def test_a_change_and_its_fit_are_one_step(worker, listener, bends):
     assert worker.document.run.settings.silhouettes.weight == 1.0
 
 
-def test_the_newest_change_wins(worker, listener, monkeypatch):
-    entered = threading.Event()
-
-    def slow(model, settings, seen, params, should_stop):
-        weight = settings.silhouettes.weight
-        if weight == 2.0:
-            entered.set()
-            eventually(should_stop, "a newer change stops it")
-            return None
-        return params + np.where(np.arange(len(params)) < 1, weight / 100, 0.0)
-
-    monkeypatch.setattr(tuning_service, "fitted_again", slow)
-    start = listener.wait(snapshots.PoseSnapshot).values
+def test_who_poses_meanwhile_keeps_the_pose(worker, listener, fits):
     worker.engine.refit_while_tuning(True)
     worker.engine.set_setting("silhouettes.weight", 2.0)
-    assert entered.wait(60.0)
-    worker.engine.set_setting("silhouettes.weight", 3.0)
-    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
-    assert pose.values[0] - start[0] == pytest.approx(0.03)
-
-
-def test_who_poses_meanwhile_keeps_the_pose(worker, listener, monkeypatch):
-    entered, goes_on = threading.Event(), threading.Event()
-
-    def slow(model, settings, seen, params, should_stop):
-        entered.set()
-        assert goes_on.wait(60.0)
-        return params + 0.01
-
-    monkeypatch.setattr(tuning_service, "fitted_again", slow)
-    worker.engine.refit_while_tuning(True)
-    worker.engine.set_setting("silhouettes.weight", 2.0)
-    assert entered.wait(60.0)
+    assert fits.waits.wait(60.0)
     worker.engine.take_pose(3, "fist", 5)
     fist = listener.pose(5)
-    goes_on.set()
+    fits.goes_on.set()
     worker.engine.show_frame(4)
     worker.engine.show_frame(3)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p is not fist and p.frame == 3 and p.version == 5)  # fmt: skip
@@ -145,11 +124,11 @@ def test_who_poses_meanwhile_keeps_the_pose(worker, listener, monkeypatch):
     assert pose.origin == "set"
 
 
-def test_an_accepted_frame_is_not_fitted_and_that_is_said(worker, listener, bends):
+def test_an_accepted_frame_is_not_fitted_and_that_is_said(worker, listener, fits):
     worker.engine.take_pose(3, "fist", 1)
     worker.engine.accept(((3, 3),), True)
     worker.engine.refit_while_tuning(True)
     worker.engine.set_setting("silhouettes.weight", 2.0)
     listener.refused()
     assert worker.document.run.settings.silhouettes.weight == 2.0, "the setting holds all the same"
-    assert bends == []
+    assert fits.asked == []

@@ -13,10 +13,10 @@ from handtrack.session.session_state import key_of
 from handtrack.store.store import Store
 from handtrack.tracking.frame.reason import Reason
 from handtrack_app.engine import open_session
+from handtrack_app.engine.open_session import RULES
 from handtrack_app.engine.store import persistence
 from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.calls import Mailbox
-from tests.app.calls import call
+from handtrack_app.protocol.calls import Call, Mailbox
 from tests.app.desk import a_desk, pose_with
 from tests.app.fake_run import FRAMES, FakeRun
 from tests.app.waiting import eventually
@@ -24,11 +24,12 @@ from tests.app.waiting import eventually
 
 def test_newest_pose_and_frame_win_and_nothing_else_is_dropped():
     box = Mailbox(lambda c: c.key)
+    put = lambda name, *given: box.put(Call.of(RULES, name, given, {}))  # noqa: E731
     for version in range(5):
         for tag in ("index", "ring"):  # moved by another slider it is another step
-            box.put(call("set_pose", 0, (), version, tag))
-        box.put(call("show_frame", version))
-        box.put(call("export", "csv", version))
+            put("set_pose", 0, (), version, tag)
+        put("show_frame", version)
+        put("export", "csv", version)
     kept = [box.take(0.0) for _ in range(len(box))]
     names = [(c.name, c.arguments.get("version")) for c in kept if c.name != "export"]
     assert names[-3:] == [("set_pose", 4), ("set_pose", 4), ("show_frame", None)]
