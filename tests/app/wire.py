@@ -10,11 +10,16 @@ from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
 from tests.experiments.workbench.wire import WireClient
 
-__all__ = ["Browser", "WireClient"]
+__all__ = ["Browser", "WireClient", "said"]
 WHERE = {
     "SetCameraFovMessage": "fov", "SetCameraPositionMessage": "position", "SetCameraLookAtMessage": "look_at",
     "SetCameraUpDirectionMessage": "position",
 }  # fmt: skip
+
+
+def said(wire: WireClient, kind: str) -> list[dict[str, Any]]:
+    """Return the messages of a kind that a page was sent."""
+    return [message for _, message in list(wire.messages) if message["type"] == kind]
 
 
 class Browser:
@@ -22,14 +27,8 @@ class Browser:
 
     def __init__(self, bench: Workbench, wire: WireClient) -> None:
         self.bench, self.wire = bench, wire
-        before = set(bench.server.get_clients())
-        eventually(lambda: len(bench.server.get_clients()) > 0, "it came")
-        self.number = max(before | set(bench.server.get_clients()))
-
-    def press(self, words: str) -> None:
-        commands = self.bench.server.gui._command_handle_from_uuid
-        uuid = next(one for one, handle in commands.items() if handle._impl.props.label == words)
-        self.wire.send({"type": "CommandTriggerMessage", "uuid": uuid})
+        self.number = max(eventually(bench.server.get_clients, "it came"))
+        self.press = wire.trigger
 
     def drag(
         self, node: str, start: Any, end: Any, modifier: str | None = None, part: int = 0
@@ -50,10 +49,8 @@ class Browser:
 
     def told(self, kind: str) -> Any:
         """Return the latest value that the page was told."""
-        said = [
-            m for _, m in list(self.wire.messages) if m["type"] == kind and not m.get("initial")
-        ]
-        return said[-1][WHERE[kind]] if said else None
+        told = [one for one in said(self.wire, kind) if not one.get("initial")]
+        return told[-1][WHERE[kind]] if told else None
 
     def tell(self, position: np.ndarray, look_at: np.ndarray, width: int = 800) -> None:
         """Say where its camera is now."""

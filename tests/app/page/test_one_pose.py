@@ -2,7 +2,7 @@
 
 import re
 import time
-from uuid import uuid4
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,72 +16,57 @@ from handtrack_app.protocol import snapshots
 from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
-from tests.app.wire import Browser, WireClient
 
 CARD = re.compile(r">Frame (\d+)</b>")
 
 
 class Witness:
-    """Puts together what a page shows, message by message, and looks at it whenever all has come of a pose that the program shows."""
+    """Notes what the program shows, and marks among the messages to a page where all has been sent of a pose."""
 
     def __init__(self, bench, wire):
         self.bench, self.wire = bench, wire
-        first = bench.stage.pose
-        self.poses = [] if first is None else [first]
-        self.shown = {}
-        self.read, self.looks, self.moving = 0, 0, 0
+        self.poses = [bench.stage.pose]
         self.pictures, self.wrong = 0, list[str]()
         shown = bench.page.show
 
         def noted(snapshot):
-            if isinstance(snapshot, snapshots.PoseSnapshot):
-                self.poses.append(snapshot)
             shown(snapshot)
             self._look_at_pictures()
             if isinstance(snapshot, snapshots.PoseSnapshot):
-                self._look()
+                self.poses.append(snapshot)
+                mark = LocalStorageGetItemRequestMessage("witness", str(len(self.poses)))
+                bench.server._websock_server.queue_message(mark)
 
         object.__setattr__(bench.page, "show", noted)
 
-    def _look(self):
-        """Look at what the page has, once all that it was told until now has come."""
-        last = LocalStorageGetItemRequestMessage("witness", str(uuid4()))
-        self.bench.server._websock_server.queue_message(last)
+    def frames_of_the_page(self):
+        """Return what frame the card said at each mark; note where the hand was of another pose."""
+        marks, card, hand, frames = 0, "", None, []
+        for _, message in self.messages():
+            told = message.get("updates") or message.get("props") or {}
+            if message.get("uuid") == self.bench.layout.pose.card._impl.uuid:
+                card = told.get("content", card)
+            if message.get("name") == "/hand/flesh":
+                hand = told.get("batched_positions", hand)
+            if message.get("key") == "witness":
+                marks += 1
+                frames.append(int(CARD.search(card)[1]))
+                ours = (p.centre for p in self.poses[: marks + 1] if p.frame == frames[-1])
+                if not any(np.allclose(centre.ravel(), hand, atol=1e-6) for centre in ours):
+                    self.wrong.append(
+                        f"the card says frame {frames[-1]}; the hand is of another pose"
+                    )
+        return frames
+
+    def messages(self):
+        """Return all that came to the page, up to the last mark."""
+        last = str(len(self.poses))
 
         def came():
             found = list(self.wire.messages)
-            for _, message in found[self.read :]:
-                self._take(message)
-            self.read = len(found)
-            return self.shown.get("witness") == last.request_uuid
+            return found if any(one.get("request_uuid") == last for _, one in found) else None
 
-        eventually(came, "the last message")
-        self._judge()
-
-    def _take(self, message):
-        if message.get("key") == "witness":
-            self.shown["witness"] = message["request_uuid"]
-        key = message.get("name") or message.get("uuid") or ""
-        told = message.get("updates") or message.get("props") or {}
-        for name, value in told.items():
-            self.shown[f"{key}.{name}"] = value
-
-    def of(self, handle, name):
-        return self.shown.get(f"{handle._impl.uuid}.{name}")
-
-    def _judge(self):
-        panel = self.bench.layout.pose
-        card, hand = self.of(panel.card, "content"), self.shown.get("/hand/flesh.batched_positions")
-        found = CARD.search(card or "")
-        if found is None or hand is None or not self.poses:
-            return
-        frame, centre = int(found[1]), np.asarray(hand).reshape(-1, 3)
-        ours = [
-            p for p in self.poses if p.frame == frame and np.allclose(p.centre, centre, atol=1e-6)
-        ]
-        self.wrong += [f"the card says frame {frame}; the hand is of another pose"] * (not ours)
-        self.looks += 1
-        self.moving += frame != self.poses[0].frame
+        return eventually(came, "the last mark")
 
     def _look_at_pictures(self):
         """Look, once a snapshot is shown, at what each kind of picture is of."""
@@ -116,8 +101,9 @@ class Witness:
 
 
 @pytest.fixture
-def witness(tmp_path, monkeypatch):
-    monkeypatch.setattr(camera_view, "_MOMENT_S", 0.0)  # nothing of another frame, not for a moment
+def bench(tmp_path, monkeypatch):
+    """Frames and pictures take a while, and nothing of another frame is shown, not for a moment."""
+    monkeypatch.setattr(camera_view, "_MOMENT_S", 0.0)
     painted = CameraPictures.screen
 
     def late(self, *given):
@@ -125,18 +111,12 @@ def witness(tmp_path, monkeypatch):
         return painted(self, *given)
 
     monkeypatch.setattr(CameraPictures, "screen", late)
-    opener = lambda f: fake_document(f, step_s=0.05)  # noqa: E731
-    with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as wire:
-        page = Browser(bench, wire)
-        show = bench.page.show
-        yield bench, Witness(bench, wire), page
-        object.__setattr__(bench.page, "show", show)
+    with shown(tmp_path, opener=partial(fake_document, step_s=0.05)) as slow:
+        yield slow
 
 
-def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(
-    witness,
-):
-    bench, sees, page = witness
+def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, wire, page):
+    sees = Witness(bench, wire)
     bench.stage.looking.set_paint(page.number, "plain")
     page.press("Camera view: front")
     eventually(lambda: bench.stage.looking.anyone, "it looks through a camera")
@@ -147,7 +127,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(
             bench.page.play(True)
         if turn % 10 == 5:
             bench.page.play(False)
-            sees.wire.set_value(slider, 10.0 + turn)
+            wire.set_value(slider, 10.0 + turn)
         if turn % 3 == 0:
             bench.page.go_to(turn % FRAMES)
         time.sleep(0.03)
@@ -162,13 +142,12 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(
         return screen is not None and bool(screen.image.visible) and screen.frame == 4
 
     eventually(pictured, "its picture")
+    assert len(set(sees.frames_of_the_page())) > 3 and sees.pictures
     assert not sees.wrong
-    assert sees.looks > 3 and sees.moving and sees.pictures
     sees.at_rest()
 
 
-def test_a_picture_of_a_frame_that_was_left_is_not_shown(witness):
-    bench, _, page = witness
+def test_a_picture_of_a_frame_that_was_left_is_not_shown(bench, page):
     page.press("Camera view: front")
     of_page = lambda: bench.stage.looking._screens.get(page.number)  # noqa: E731
     eventually(lambda: of_page() is not None and of_page().image.visible, "a picture")

@@ -8,11 +8,7 @@ from handtrack_app.page.help import TOUR
 from handtrack_app.page.panels.view import LIGHT, Taste
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
-from tests.app.wire import Browser, WireClient
-
-
-def said(wire, kind):
-    return [message for _, message in list(wire.messages) if message["type"] == kind]
+from tests.app.wire import Browser, WireClient, said
 
 
 def answer(wire, kept):

@@ -21,7 +21,7 @@ from tests.app.desk import shown, value_of
 from tests.app.engine.test_saving_settings import TEXT
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
+from tests.app.wire import WireClient, said
 from tests.session.small_session import edit
 
 
@@ -95,11 +95,8 @@ def test_a_page_that_comes_late_is_told_what_was_said(bench):
 
 
 def told_value(client, handle):
-    told = [
-        m["updates"]
-        for _, m in list(client.messages)
-        if m.get("uuid") == handle._impl.uuid and "updates" in m
-    ]
+    updates = said(client, "GuiUpdateMessage")
+    told = [one["updates"] for one in updates if one["uuid"] == handle._impl.uuid]
     return told[-1].get("value") if told else None
 
 
@@ -141,23 +138,17 @@ def test_each_page_looks_through_a_camera_of_its_own(bench):
         eventually(lambda: _shown(other, "/screen") is False, "without the picture")
         assert told_value(other, view.through) == "orbit view" and _shown(one, "/screen")
         other.set_value(view.through, "side")
-        eventually(lambda: len(wished(bench)) == 2, "two pictures")
-    eventually(lambda: wished(bench) == (), "of pages that went none is painted")
+        eventually(lambda: bench.stage.looking.pictures(None) == wanted, "two pictures")
+    eventually(
+        lambda: bench.stage.looking.pictures(None) == (), "of pages that went none is painted"
+    )
     assert bench.door.messages.refused == 0
-
-
-def wished(bench):
-    return bench.stage.looking.pictures(None)
 
 
 def _shown(client, node):
     """Return whether a node was last shown or hidden; None if neither was said."""
-    said = [
-        m["visible"]
-        for _, m in list(client.messages)
-        if m.get("type") == "SetSceneNodeVisibilityMessage" and m["name"] == node
-    ]
-    return said[-1] if said else None
+    told = said(client, "SetSceneNodeVisibilityMessage")
+    return next((one["visible"] for one in reversed(told) if one["name"] == node), None)
 
 
 def _status(bench):
