@@ -71,11 +71,14 @@ def test_an_installed_program_gives_out_a_working_copy_keeps_work_and_completes_
     (shelf / "fist" / "masks").mkdir(parents=True)
     (shelf / "fist" / "session.toml").write_text("[session]")
     (shelf / "fist" / "masks" / "0.png").write_text("mask")
+    (shelf / "fist" / "tracks").mkdir()
+    (shelf / "fist" / "tracks" / "poses.npz").write_text("made of it, no part of it")
     monkeypatch.setattr(bundled, "_INSTALLED", shelf)
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
     folder = bundled_session("fist")
     assert folder == tmp_path / "home" / "sessions" / "fist"
     assert (folder / "masks" / "0.png").read_text() == "mask"
+    assert not (folder / "tracks").exists()
     (folder / "session.toml").write_text("my own settings")
     (folder / "masks" / "0.png").unlink()
     assert bundled_session("fist") == folder

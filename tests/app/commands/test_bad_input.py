@@ -71,16 +71,6 @@ def test_a_truth_that_says_nothing_is_refused_and_one_in_millimetres_asked_about
     assert "truth.npz" in ended.err
 
 
-def test_missing_masks_are_misses(handtrack, session):
-    for camera in ("cam0", "cam1", "cam2"):
-        (session / "masks" / camera / "000002.png").unlink()
-    (session / "masks/cam0/000003.png").write_bytes(b"no picture")
-    ended = handtrack.does("track", session)
-    assert read_npz(session / "tracks/poses.npz").status.tolist() == [0, 0, 2, 0, 0]
-    assert "lost: frames 2" in ended.err
-    assert "000003.png" in ended.err
-
-
 def test_a_mask_of_another_size_in_the_middle_loses_nothing(handtrack, session):
     """It is an error, since it may be another camera's; but what was tracked before it is saved and named."""
     small_mask(session, 3)

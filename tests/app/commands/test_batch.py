@@ -53,10 +53,27 @@ def begun(root):
     return Counter(line.split()[1] for line in lines if line.startswith("begun"))
 
 
-def test_what_is_done_stays_done_until_something_changes(tmp_path, handtrack, quick):
+def test_the_worst_is_reported_first_and_what_is_done_stays_done_until_something_changes(
+    tmp_path, handtrack, quick
+):
     made = folders(tmp_path / "takes", 4, broken=1)
     words = ["batch", tmp_path / "takes" / "*" / "session.toml", "--out", tmp_path / "out"]
-    assert handtrack(*words).code == 3
+    first = handtrack(*words, "--most-lost", "0.1", "--json")
+    assert first.code == 3
+    outcomes = {row["recording"]: row for row in json.loads(first.out)["recordings"]}
+    assert outcomes["take1"]["frames"] == {"tracked": 9, "doubtful": 0, "lost": 1}
+    refused = outcomes["take3"]
+    assert (refused["state"], refused["cause"]) == ("refused", "no calibration.")
+    with (tmp_path / "out" / "report.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["recording"] for row in rows] == ["take3", "take2", "take1", "take0"]
+    assert rows[0]["cause"] == "no calibration."
+    assert rows[1]["open"] == f"handtrack open {tmp_path / 'takes' / 'take2'}"
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "&lt;b&gt;" in page
+    assert page.index("take3") < page.index("take0")
+    assert "http" not in page
+
     assert handtrack(*words).code == 2  # a batch is there: --resume, or another folder
     again = handtrack(*words, "--resume")
     assert again.code == 3
@@ -67,28 +84,6 @@ def test_what_is_done_stays_done_until_something_changes(tmp_path, handtrack, qu
     assert begun(tmp_path / "takes") == {"take0": 2, "take1": 2, "take2": 1, "take3": 1}
     assert handtrack(*words, "--resume", "--set", "solver.iterations=5").code == 3
     assert begun(tmp_path / "takes") == {"take0": 3, "take1": 3, "take2": 2, "take3": 2}
-
-
-def test_the_report_has_the_worst_first(tmp_path, handtrack, quick):
-    folders(tmp_path / "takes", 4, broken=1)
-    words = ["batch", tmp_path / "takes/*", "--out", tmp_path / "out", "--most-lost", "0.1"]
-    ended = handtrack(*words, "--json")
-    assert ended.code == 3
-    outcomes = {row["recording"]: row for row in json.loads(ended.out)["recordings"]}
-    assert outcomes["take1"]["frames"] == {"tracked": 9, "doubtful": 0, "lost": 1}
-    assert (outcomes["take3"]["state"], outcomes["take3"]["cause"]) == (
-        "refused",
-        "no calibration.",
-    )
-    with (tmp_path / "out" / "report.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [row["recording"] for row in rows] == ["take3", "take2", "take1", "take0"]
-    assert rows[0]["cause"] == "no calibration."
-    assert rows[1]["open"] == f"handtrack open {tmp_path / 'takes' / 'take2'}"
-    page = (tmp_path / "out" / "report.html").read_text()
-    assert "&lt;b&gt;" in page
-    assert page.index("take3") < page.index("take0")
-    assert "http" not in page
 
 
 def ended(ledger):

@@ -101,30 +101,15 @@ def test_track_evaluate_export(handtrack, done):
     assert kept.read_bytes() == first
 
 
-def test_frames_out_settings_and_init(handtrack, session, tmp_path):
+def test_options_of_track_are_followed_and_told_as_json(handtrack, session, tmp_path):
     out = tmp_path / "new folder" / "result.npz"
     (session / "init.json").rename(tmp_path / "first.json")
-    handtrack.does(
-        "track", session, "--init", tmp_path / "first.json", "--frames", "2:4", "--out", out, "--use",
-        "silhouettes", "--set", "solver.iterations=7", "--set", "model.coupling=18",
-    )  # fmt: skip
-    track = read_npz(out)
-    assert track.frame.tolist() == [2, 3]
-    settings = json.loads(track.settings)
-    assert settings["solver.iterations"] == 7
-    assert settings["keypoints.weight"] == 0
-    assert settings["model.coupling"] == "18"
-    assert track.parameters.shape == (2, 26)
-    assert not (session / "tracks").exists()
-
-
-def test_track_tells_how_it_went_as_json_and_reads_the_names_that_scripts_rely_on(
-    handtrack, session
-):
-    edit(session / "session.toml", "tracker.recovery", "tracker.jumps")
+    edit(session / "session.toml", "tracker.recovery", "tracker.jumps")  # as scripts rely on
     idle = "cloud.crop_mm has no effect"
     ended = handtrack.does(
-        "track", session, "--frames", "0:2", "--seed", 3, "--set", "cloud.crop_mm=99", "--explain", "1", "--json"
+        "track", session, "--init", tmp_path / "first.json", "--frames", "2:4", "--out", out, "--use", "silhouettes",
+        "--set", "solver.iterations=7", "--set", "model.coupling=18", "--set", "cloud.crop_mm=99", "--seed", 3,
+        "--explain", "2", "--json",
     )  # fmt: skip
     told = json.loads(ended.out)
     assert list(told) == ["frames", "seconds", "warnings", "output"]
@@ -133,9 +118,18 @@ def test_track_tells_how_it_went_as_json_and_reads_the_names_that_scripts_rely_o
     assert any(idle in text for text in told["warnings"])
     notes = [line for line in ended.err.splitlines() if line.startswith("note: ")]
     assert sum(idle in note for note in notes) == 1
-    assert Path(told["output"]) == session / "tracks/poses.npz"
-    settings = json.loads(read_npz(told["output"]).settings)
-    assert (settings["tracker.seed"], settings["tracker.recovery"]) == (3, False)
+    assert Path(told["output"]) == out and not (session / "tracks").exists()
+    track = read_npz(out)
+    assert track.frame.tolist() == [2, 3] and track.parameters.shape == (2, 26)
+    settings = json.loads(track.settings)
+    names = (
+        "solver.iterations",
+        "keypoints.weight",
+        "model.coupling",
+        "tracker.seed",
+        "tracker.recovery",
+    )
+    assert [settings[name] for name in names] == [7, 0, "18", 3, False]
 
 
 def test_a_disk_that_fills_up_does_not_cost_the_result(handtrack, session, monkeypatch):

@@ -22,7 +22,6 @@ from handtrack_app.cli import main
 from handtrack_app.commands import track
 from tests.app.command_line import FRAMES, PROGRAM
 from tests.killing import copy_of_a_fresh_process, forked
-from tests.session.small_session import edit
 
 
 class Interrupter:
@@ -42,22 +41,6 @@ class Interrupter:
             for _ in range(self.presses):
                 os.kill(os.getpid(), self.number)
                 time.sleep(0.01)  # handlers run between two instructions
-
-
-def test_interrupted_size_fit_saves_nothing(handtrack, session, monkeypatch):
-    seen = track.TrackingRun.fit_size
-
-    def fit(run, should_stop, on_progress):
-        os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(0.01)
-        return seen(run, should_stop)
-
-    monkeypatch.setattr(track.TrackingRun, "fit_size", fit)
-    edit(session / "session.toml", "scale = 1.0", 'scale = "fit"')
-    ended = handtrack("track", session)
-    assert ended.code == 130
-    assert ended.out == ""
-    assert not (session / "tracks").exists()
 
 
 def test_an_interrupted_simulation_leaves_nothing(handtrack, tmp_path, monkeypatch):

@@ -16,6 +16,7 @@ from tests.app.command_line import refused
 from tests.capture.calibration_forms.hostile import HOSTILE
 from tests.capture.calibration_forms.test_calibration_forms import fisheyes
 from tests.capture.sample_files import rig_of_two, sample
+from tests.live_cameras import clip
 from tests.session.small_session import edit
 from tests.session.test_truth import moving
 
@@ -28,19 +29,10 @@ def new(out, *words):
     return ["new", "--out", out, "--calibration", CALIBRATION, *words]
 
 
-def video(path, fps, count, size):
-    """Write a video whose frame n is n grey levels bright, times 8."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, size)
-    for level in range(count):
-        writer.write(np.full((size[1], size[0], 3), 8 * level, np.uint8))
-    writer.release()
-    return path
-
-
 def test_c11_scaled_videos_are_taken_where_that_is_said(handtrack, tmp_path):
     width, height = SIZE
-    small = video(tmp_path / "small.avi", 25, 3, (width // 2, height // 2))
-    cut = video(tmp_path / "cut.avi", 25, 3, (width, height // 2))
+    small = clip(tmp_path / "small.avi", 3, (width // 2, height // 2))
+    cut = clip(tmp_path / "cut.avi", 3, (width, height // 2))
     words = new(tmp_path / "made", "--masks", "none")
     refused(handtrack, tmp_path, [*words, "--video", f"cam0={small}"], ["0.5 times"])
     refused(handtrack, tmp_path, [*words, "--scaled", "--video", f"cam0={cut}"], ["cam0"])
@@ -48,11 +40,11 @@ def test_c11_scaled_videos_are_taken_where_that_is_said(handtrack, tmp_path):
     assert Session.open(tmp_path / "made").rig["cam0"].size == (width // 2, height // 2)
 
 
-def pictures(folder, count):
-    """Write numbered images; number n is n grey levels bright, times 8."""
+def pictures(folder, count, size=SIZE):
+    """Write numbered images; number n is n grey levels bright, times 40."""
     folder.mkdir(parents=True)
     for i in range(count):
-        cv2.imwrite(str(folder / f"shot_{i:04d}.png"), np.full((*SIZE[::-1], 3), 8 * i, np.uint8))
+        cv2.imwrite(str(folder / f"shot_{i:04d}.png"), np.full((*size[::-1], 3), 40 * i, np.uint8))
     return folder
 
 
@@ -67,7 +59,7 @@ def test_image_folders_and_depth_make_a_session(handtrack, tmp_path):
     handtrack.does(*words, "--fps", 30, "--depth-scale", 0.0005)
     session = Session.open(tmp_path / "made")
     assert session.frame_count == 3
-    assert session.image("cam0", 2)[0, 0, 0] == 16
+    assert session.image("cam0", 2)[0, 0, 0] == 80
     assert session.view("cam1").depth_m(1)[5, 5] == 1.0
     assert session.has_clouds
     damaged = min((tmp_path / "made/depth").rglob("*.png"))
@@ -78,13 +70,13 @@ def test_image_folders_and_depth_make_a_session(handtrack, tmp_path):
 
 def test_links_are_read_by_who_made_them_alone(handtrack, tmp_path, monkeypatch):
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
-    film, images = video(tmp_path / "a.avi", 25, 3, SIZE), pictures(tmp_path / "left", 3)
+    film, images = clip(tmp_path / "a.avi", 3, SIZE), pictures(tmp_path / "left", 3)
     made, others = tmp_path / "made", tmp_path / "sent"
     sources = ["--video", f"cam0={film}", "--images", f"cam1={images}/*.png"]
     handtrack.does(*new(made, "--link", "--masks", "none", *sources))
     assert sorted(path.name for path in made.iterdir()) == ["calibration.toml", "session.toml"]
     session = Session.open(made)
-    assert [round(session.image(n, 2).mean() / 8) for n in ("cam0", "cam1")] == [2, 2]
+    assert [round(session.image(n, 2).mean() / 40) for n in ("cam0", "cam1")] == [2, 2]
     handtrack.does("doctor", made)
 
     shutil.copytree(made, others)  # as somebody else's session would have the same words
@@ -145,7 +137,7 @@ def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_m
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
     monkeypatch.delenv("HANDTRACK_DETECTOR", raising=False)
     monkeypatch.setattr(track, "run", lambda args: done.append(args.init))
-    film = video(tmp_path / "a.avi", 25, 3, SIZE)
+    film = clip(tmp_path / "a.avi", 3, SIZE)
     words = new(tmp_path / "made", "--video", f"cam0={film}", "--track")
     refused(handtrack, tmp_path, [*words, "--detector", CALIBRATION], ["calibration.toml"])
     refused(handtrack, tmp_path, [*words, "--masks", "seeded"], ["no weights"])
@@ -166,7 +158,7 @@ def test_new_takes_truth_along(handtrack, tmp_path):
 def videos(tmp_path_factory):
     """Return options for two videos of three frames."""
     folder = tmp_path_factory.mktemp("videos")
-    files = {name: video(folder / f"{name}.avi", 25, 3, (640, 480)) for name in ("cam0", "cam1")}
+    files = {name: clip(folder / f"{name}.avi", 3, SIZE) for name in ("cam0", "cam1")}
     return [word for name, path in files.items() for word in ("--video", f"{name}={path}")]
 
 
@@ -203,28 +195,17 @@ def test_four_coefficients_are_taken_where_their_lens_is_said(handtrack, videos,
 SPOTS = np.array([[0.0, 0.0, 0.5], [0.12, 0.05, 0.5], [-0.2, 0.1, 0.6], [0.05, -0.15, 0.45]])
 
 
-def taken(table, places):
-    """Return the pixels (N, 2) at which a fisheye shows points of the world."""
-    turned = places @ np.array(table["rotation"]).T + np.array(table["translation"])
-    lens = np.array(table["matrix"]), np.array(table["distortions"])
-    return cv2.fisheye.projectPoints(turned[:, None], np.zeros(3), np.zeros(3), *lens)[0][:, 0]
-
-
-def test_images_and_joints_of_fisheyes_are_where_the_session_s_cameras_show_them(
-    handtrack, tmp_path
-):
+def test_images_of_fisheyes_show_points_where_the_session_s_cameras_do(handtrack, tmp_path):
     tables, (rig,) = fisheyes(), sample("calibration/fisheye_json", tmp_path)
     options = []
     for name, table in tables.items():
         (tmp_path / name).mkdir()
-        pixels = taken(table, SPOTS)
-        rows, columns = np.mgrid[:480, :640]
-        image = np.sum(
-            [120 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / 18) for u, v in pixels], axis=0
-        )
-        cv2.imwrite(
-            str(tmp_path / name / "000.png"), np.repeat(image[..., None], 3, 2).astype(np.uint8)
-        )
+        turn, lens = cv2.Rodrigues(np.array(table["rotation"]))[0], np.array(table["distortions"])
+        pose = turn, np.array(table["translation"]), np.array(table["matrix"])
+        image = np.zeros((480, 640, 3), np.uint8)
+        for u, v in cv2.fisheye.projectPoints(SPOTS[:, None], *pose, lens)[0][:, 0]:
+            cv2.circle(image, (round(u), round(v)), 1, (255, 255, 255), -1)
+        cv2.imwrite(str(tmp_path / name / "000.png"), image)
         options += ["--images", f"{name}={tmp_path / name}/*.png"]
     handtrack.does(
         "new", "--out", tmp_path / "s", *options, "--fps", 30, "--calibration", rig, "--masks", "none"

@@ -5,7 +5,6 @@ import json
 import shutil
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -16,6 +15,7 @@ from handtrack.capture.joints.given_joints import write_joints
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from tests.app.command_line import refused
+from tests.app.commands.test_new import pictures
 from tests.capture.joints import people
 from tests.capture.joints.hostile import HDF5, HOSTILE
 from tests.capture.joints.people import in_order, openpose, pixels
@@ -46,13 +46,6 @@ def pixels_of(session, camera, frame, name):
     return seen.pixels[seen.names.index(name)]
 
 
-def black(folder, count, size=(640, 480)):
-    folder.mkdir(parents=True)
-    for frame in range(count):
-        cv2.imwrite(str(folder / f"{frame:04d}.png"), np.zeros((*size[::-1], 3), np.uint8))
-    return folder
-
-
 def test_a_session_of_joints_alone(new, tmp_path):
     (left,), (right,) = (sample(f"hands/{n}", tmp_path / n) for n in ("openpose", "deeplabcut_csv"))
     session, told = new(*RIG, cam0=left, cam1=right)
@@ -67,7 +60,7 @@ def test_masks_are_made_by_the_joints_of_most_images(new, tmp_path):
     (joints,) = sample("hands/openpose", tmp_path / "joints")
     words = [*RIG]
     for number, count in enumerate((6, 7)):  # joints are in 3
-        words += ["--images", f"cam{number}={black(tmp_path / str(count), count)}"]
+        words += ["--images", f"cam{number}={pictures(tmp_path / str(count), count)}"]
     session, told = new(*words, cam0=joints, cam1=joints)
     assert "masks of cam0: by the joints (method seeded)." in told
     assert [type(camera.masks) for camera in session.file.cameras] == [Seeded, SkinYCrCb]
@@ -192,7 +185,7 @@ def test_a_body_by_joints_alone(new, bodies):
 def test_a_codec_s_padding_is_no_other_size(handtrack, new, bodies, tmp_path):
     """Calibrated for 640 × 480, recorded as 632 × 480: eight columns are filling. 624 columns are another image."""
     words, joints = bodies
-    wide, narrow = (black(tmp_path / str(width), 1, (width, 480)) for width in (632, 624))
+    wide, narrow = (pictures(tmp_path / str(width), 1, (width, 480)) for width in (632, 624))
     session, _ = new(*words, "--images", f"cam0={wide}", **joints)
     assert session.rig["cam0"].size == (632, 480)
     assert_array_equal(session.rig["cam0"].matrix, people.rig()["cam0"].matrix)
@@ -218,7 +211,7 @@ def project(folder, version="now", names=("cam0", "cam1")):
     for i in range(2):
         seen = {f: [in_order("halpe26", p)] for f, p in enumerate(pixels(i))}
         openpose(folder / "trial" / poses / f"cam{i}_json", seen, "cam_{:05d}.json")
-    black(folder / "trial" / videos / "cam0", 3)
+    pictures(folder / "trial" / videos / "cam0", 3)
     (folder / "Config.toml").write_text(
         '[project]\nframe_rate = 50\n[pose]\npose_model = "Body_with_feet"\n'
     )

@@ -101,7 +101,7 @@ def test_a_person_of_a_recording_is_what_the_next_one_begins_with(handtrack, lar
     refused(handtrack, larger.parent, ["person", given], ["given"])
 
 
-def test_a_size_that_is_fitted_later_is_told_and_its_interruption_keeps_what_was_tracked(
+def test_an_interrupted_size_fit_keeps_what_was_tracked_and_one_that_comes_later_is_told(
     handtrack, larger, monkeypatch
 ):
     edit(larger / "session.toml", "scale = 1.0", 'scale = "fit"')
@@ -115,6 +115,8 @@ def test_a_size_that_is_fitted_later_is_told_and_its_interruption_keeps_what_was
 
     with monkeypatch.context() as patch:
         patch.setattr(track_command.TrackingRun, "fit_size", fit)
+        first = handtrack(*asked[:-1])
+        assert (first.code, first.out) == (130, "") and not (larger / "tracks").exists()
         assert handtrack(*asked).code == 130
     assert read_npz(larger / "tracks/poses.npz").frame.tolist() == [0, 1]
     ended = handtrack.does(*asked)

@@ -33,7 +33,8 @@ def test_c16_c17_other_things_in_masks_are_told_and_cost_one_frame_at_most(handt
             frame,
             lambda m: cv2.ellipse(m, (40, 50), (30, 40), 0, 0, 360, 255, -1),
         )
-    handtrack.does("track", session)
+    ended = handtrack.does("track", session)
+    assert "lost: frames 2" in ended.err
     found, truth = read_npz(session / "tracks/poses.npz"), Session.open(session).truth
     assert found.status.tolist() == [
         Status.TRACKED, Status.TRACKED, Status.LOST, Status.DOUBTFUL, Status.DOUBTFUL,

@@ -15,6 +15,7 @@ from handtrack_app.protocol import snapshots
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
 from tests.app.desk import working
 from tests.app.waiting import eventually
+from tests.session.small_session import edit, make_session
 
 SKIN = {"method": "skin_ycrcb"}
 X, Y = BOX[0] + BOX[2] // 2, BOX[1] + BOX[3] // 2
@@ -39,7 +40,7 @@ def masks_told(listener, test):
 
 
 def stroke(worker, frame=0, brush="hand"):
-    worker.engine.paint_mask(frame, "cam0", brush, ((10.0, 60.0), (20.0, 60.0)), 4.0, brush)
+    worker.engine.paint_mask(frame, "cam0", brush, ((10.0, 40.0), (20.0, 40.0)), 4.0, brush)
 
 
 def held(worker):
@@ -112,7 +113,7 @@ def test_a_stroke_becomes_a_file_and_is_undone(desk):
     eventually(lambda: file_of(folder).is_file(), "its file")
     for session in (worker.document.run.session, Session.open(folder)):  # tracking sees it, too
         seen = session.observation(0).silhouettes[0]
-        assert (seen.mask[60, 15], seen.mask[50, 15], seen.mask[Y, X]) == (1, 0, 1)
+        assert (seen.mask[40, 15], seen.mask[30, 15], seen.mask[Y, X]) == (1, 0, 1)
     stroke(worker, brush="as it is")
     eventually(lambda: not file_of(folder).exists(), "nothing is left of it")
     worker.engine.undo(1)
@@ -156,7 +157,7 @@ def test_what_was_painted_comes_back_and_a_file_from_elsewhere_counts_and_is_kep
     for frame in (0, 1):
         eventually(lambda frame=frame: len(versions(file_of(folder, frame))) == 1, "theirs is kept")
     layer = corrections.layer(1)
-    assert layer[8, 80] == layer[60, 15] == HAND  # painted over theirs
+    assert layer[8, 80] == layer[40, 15] == HAND  # painted over theirs
     again.engine.undo(1)
     eventually(lambda: file_of(folder, 1).read_bytes() == theirs, "undo brings theirs back")
     again.stop()
@@ -192,25 +193,20 @@ def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path):
 
 
 def test_files_are_said_to_be_files_and_stay(tmp_path):
-    folder = cloudy_session(tmp_path)
-    (folder / "masks").mkdir()
-    for frame in range(3):
-        cv2.imwrite(str(folder / "masks" / f"{frame}.png"), np.zeros((72, 96), np.uint8))
-    text = SETTINGS.replace(
-        'images = "cam0/*.png"', 'images = "cam0/*.png"\nmasks = "masks/*.png"\nmask_unknown = 100'
-    )
-    (folder / "session.toml").write_text(text)
+    folder = make_session(tmp_path)
+    settings, mask = folder / "session.toml", folder / "masks" / "cam0" / "000.png"
+    edit(settings, 'cam0/*.png"\n\n', 'cam0/*.png"\nmask_unknown = 100\n\n')
     worker, listener = working(folder)
     card = listener.wait(snapshots.SessionSnapshot).masks
     assert method(card) == "files"
-    assert card.words.startswith("Masks of cam0 are files.")
-    before = (folder / "masks" / "0.png").read_bytes()
+    assert card.words.startswith("Masks of cam0")
+    before = mask.read_bytes()
     stroke(worker)
     eventually(lambda: file_of(folder).is_file(), "painted over it")
-    assert (folder / "masks" / "0.png").read_bytes() == before
-    worker.engine.set_masks("", SKIN)
+    assert mask.read_bytes() == before
+    worker.engine.set_masks("cam0", SKIN)
     worker.engine.save_masks()
-    eventually(lambda: "skin_ycrcb" in (folder / "session.toml").read_text(), "saved")
-    assert "mask_unknown" not in (folder / "session.toml").read_text()
+    eventually(lambda: "skin_ycrcb" in settings.read_text(), "saved")
+    assert "mask_unknown" not in settings.read_text()
     Session.open(folder)
     worker.stop()

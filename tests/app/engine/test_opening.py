@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 import handtrack.session.sources.video_audits as video_audits
 from handtrack import Session, evaluate, read_npz
 from handtrack.session import bundled
-from handtrack.session.bundled import working_folder
 from handtrack.session.layout import POSES_FILE
 from handtrack.tracking.search import initialize
 from handtrack_app.engine import opening
@@ -123,20 +122,6 @@ def test_images_alone_are_nothing_to_track_by_until_edges_count(tmp_path):
     path.write_text(path.read_text().partition("[clouds]")[0])
     run = opening.document(opening.opened(tmp_path)).run
     assert nothing_seen(run) and not nothing_seen(run.with_values({"edges.weight": 1.0}))
-
-
-def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(tmp_path, monkeypatch):
-    shelf = tmp_path / "checkout"
-    (shelf / "fist" / "tracks").mkdir(parents=True)
-    (shelf / "fist" / "session.toml").write_text("[session]")
-    (shelf / "fist" / "tracks" / "journal.jsonl").write_text("old")
-    monkeypatch.setattr(bundled, "_CHECKOUT", shelf)
-    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
-    copy = working_folder(shelf / "fist")
-    assert copy.parent == tmp_path / "home" / "sessions" and copy.name.startswith("fist-")
-    assert [p.name for p in copy.iterdir()] == ["session.toml"]
-    (copy / "init.json").write_text("mine")
-    assert working_folder(shelf / "fist") == copy and (copy / "init.json").read_text() == "mine"
 
 
 def test_the_demo_is_tracked_when_it_is_opened_and_stays_as_its_user_left_it(monkeypatch, tmp_path):

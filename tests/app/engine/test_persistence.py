@@ -96,17 +96,6 @@ def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path):
     assert sent_to[3].name == f"fake_frame{store.document.frame}_init.json"
 
 
-def test_a_live_session_keeps_its_work_in_memory(tmp_path):
-    document = fake_document(tmp_path)
-    object.__setattr__(document.run.session, "live", object())
-    store = opened(tmp_path)
-    other = type(store).open(document)
-    posed(other, 4)
-    assert other.undo() is not None
-    assert not document.by_hand and other.is_saved
-    assert 4 not in opened(tmp_path).document.state.pose
-
-
 def test_it_is_the_pose_before_the_last_step_that_changed_this_frame(tmp_path, left_open):
     store = opened(tmp_path)
     document = store.document

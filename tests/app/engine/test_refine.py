@@ -40,38 +40,28 @@ def _tracked(desk):
     eventually(lambda: len(_told(listener, "Tracking finished")) == 1, "tracked and refined")
 
 
-def test_what_was_tracked_is_refined_as_a_take_of_its_own(desk, worker, listener):
-    _tracked(desk)
-    refined = _bends(worker)
-    (text,) = _told(listener, "Tracking finished")
-    assert f"{FRAMES} frames have a joint that moved by more than 5 mm" in text
-    takes = Store(worker.document.run.session.folder / "tracks").takes()
-    assert [take.about.by for take in takes] == ["handtrack open", "handtrack open, refined"]
-    assert all(take.is_finished for take in takes)
-    worker.engine.undo(1)
-    eventually(lambda: _bends(worker) != refined, "undone")
-    live = _bends(worker)
-    assert [refined[f] - live[f] for f in live] == pytest.approx([BY] * FRAMES)
-
-
-def test_a_size_that_was_found_with_the_frames_comes_and_goes_with_their_take(
-    tmp_path,
-):
-    for desk in a_desk(tmp_path, step_s=0.0, refined_by=BY, refined_size=1.07):
-        worker, _ = desk
-        live = worker.document.run.scale
-        _tracked(desk)
-        assert worker.document.run.scale.overall == 1.07
-        takes = Store(worker.document.run.session.folder / "tracks").takes()
+def test_what_was_tracked_is_refined_as_a_take_of_its_own_with_the_size_that_it_found(tmp_path):
+    for worker, listener in a_desk(tmp_path, step_s=0.0, refined_by=BY, refined_size=1.07):
+        document, store = worker.document, Store(tmp_path / "tracks")
+        live = document.run.scale
+        _tracked((worker, listener))
+        refined = _bends(worker)
+        (text,) = _told(listener, "Tracking finished")
+        assert f"{FRAMES} frames have a joint that moved by more than 5 mm" in text
+        assert document.run.scale.overall == 1.07
+        takes = store.takes()
+        assert [take.about.by for take in takes] == ["handtrack open", "handtrack open, refined"]
+        assert all(take.is_finished for take in takes)
         scales = [json.loads(take.about.labels.scale)["overall"] for take in takes]
         assert scales == [live.overall, 1.07]
-        assert worker.document.size.live == live
-        told = whole_track(worker.document).refinement
+        assert document.size.live == live
+        told = whole_track(document).refinement
         assert told is not None and Refinement.read(told).scale == HandScale(1.07)
         assert takes[1].about.labels.refinement == told
         worker.engine.undo(1)
-        eventually(lambda: worker.document.run.scale == live, "undone")  # noqa: B023
-        eventually(lambda: whole_track(worker.document).refinement is None, "undone")  # noqa: B023
+        eventually(lambda: document.run.scale == live, "undone")  # noqa: B023
+        eventually(lambda: whole_track(document).refinement is None, "undone")  # noqa: B023
+        assert [refined[f] - b for f, b in _bends(worker).items()] == pytest.approx([BY] * FRAMES)
 
 
 def test_only_what_a_new_keyframe_touches_is_refined_again(desk, worker, listener):

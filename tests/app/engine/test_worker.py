@@ -194,27 +194,26 @@ def test_the_size_is_fitted_after_tracking_and_all_is_tracked_again(tmp_path):
         assert document.by_hand[8][index] == pytest.approx(0.3), "a pose set by hand is not lost"
 
 
-def test_c66_without_any_keyframe_all_goes_on_and_forgetting_is_undone_after_a_restart(
-    tmp_path,
-):
+def edit(worker, listener, frame, version):
+    worker.engine.set_pose(frame, pose_with(listener, index_mcp_flex=0.1), version)
+    listener.pose(version)
+
+
+def test_c66_without_any_keyframe_all_goes_on_and_forgetting_is_undone_after_a_restart(tmp_path):
     for worker, listener in a_desk(tmp_path):
-        for version, frame in enumerate((5, 7), 1):
-            worker.engine.set_pose(frame, pose_with(listener, index_mcp_flex=0.1), version)
-            listener.pose(version)
-        for version, frame in enumerate((5, 7), 3):
-            worker.engine.forget_pose(frame, version)
-            listener.pose(version)
-        assert list(worker.document.by_hand) == []
-        worker.engine.track(0, 12, 3)
-        eventually(lambda w=worker: len(w.document.results) == 12, "all frames are tracked")
+        edit(worker, listener, 5, 1)
+        worker.engine.forget_pose(5, 2)
+        listener.pose(2)
+        assert not worker.document.by_hand
+        worker.engine.track(0, FRAMES, 3)
+        listener.told("Tracking finished")
+        assert len(worker.document.results) == FRAMES
     for worker, listener in a_desk(tmp_path):
-        assert list(worker.document.by_hand) == []
-        steps = 0
-        while not list(worker.document.by_hand) and steps < 4:
-            steps += 1
-            worker.engine.undo(10 + steps)
-            listener.pose(10 + steps)
-        assert list(worker.document.by_hand) == [7]
+        assert not worker.document.by_hand
+        for version in (3, 4):  # tracking, and forgetting
+            worker.engine.undo(version)
+            listener.pose(version)
+        assert list(worker.document.by_hand) == [5]
 
 
 def written(folder):
@@ -222,11 +221,6 @@ def written(folder):
     actions = Store(folder / "tracks").actions()
     changed = [key_of(c.key) for action in actions for c in action.changes]
     return [frame for kind, frame in changed if kind == "pose"]
-
-
-def edit(worker, listener, frame, version):
-    worker.engine.set_pose(frame, pose_with(listener, index_mcp_flex=0.1), version)
-    listener.pose(version)
 
 
 def test_a7_an_edit_that_could_not_be_written_is_tried_again_with_the_next(
