@@ -113,8 +113,8 @@ def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
     counted = listener.wait(snapshots.SessionSnapshot, lambda s: s.stop < ANNOUNCED)
     strip = listener.wait(snapshots.TimelineSnapshot, lambda s: len(s.status) == counted.stop)
     assert strip.start == 0
+    eventually((tmp_path / "tracks" / "videos.json").is_file, "it is remembered")
     worker.stop()
-    assert (tmp_path / "tracks" / "videos.json").is_file()
 
 
 def test_images_alone_are_nothing_to_track_by_until_edges_count(tmp_path):
