@@ -14,6 +14,8 @@ GROUND = {"errors", "arrays", "compiled", "setting", "parallel", "version"}
 VIEWERS = ("handtrack_app", "viser", "rerun")
 APP = REPOSITORY / "app" / "handtrack_app"
 
+SOLVING = {"geometry", "observation", "model", "terms", "solver"}
+FRAMES = SOLVING | {"sampling", "tracking.frame"}
 ARROWS: dict[str, set[str]] = {
     "files": set(),
     "geometry": set(),
@@ -22,25 +24,13 @@ ARROWS: dict[str, set[str]] = {
     "model": {"files", "geometry"},
     "terms": {"geometry", "observation", "model"},
     "solver": {"model", "terms"},
-    "sampling": {"geometry", "observation", "model", "terms", "solver"},
-    "tracking.frame": {"geometry", "observation", "model", "terms", "solver", "sampling"},
-    "tracking.size": {"geometry", "observation", "model", "terms", "solver", "tracking.frame"},
-    "tracking.hypotheses": {
-        "geometry", "observation", "model", "terms", "solver", "sampling", "tracking.frame",
-        "tracking.search",
-    },
-    "tracking.search": {
-        "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "tracking.frame",
-        "tracking.size",
-    },
-    "tracking.whole": {
-        "geometry", "observation", "model", "terms", "solver", "sampling", "tracking.frame", "tracking.search",
-        "tracking.size",
-    },
-    "tracking": {
-        "geometry", "observation", "model", "terms", "solver", "sampling", "tracking.frame",
-        "tracking.search", "tracking.hypotheses", "tracking.size", "tracking.whole",
-    },
+    "sampling": SOLVING,
+    "tracking.frame": SOLVING | {"sampling"},
+    "tracking.size": SOLVING | {"tracking.frame"},
+    "tracking.hypotheses": FRAMES | {"tracking.search"},
+    "tracking.search": FRAMES | {"capture", "tracking.size"},
+    "tracking.whole": FRAMES | {"tracking.search", "tracking.size"},
+    "tracking": FRAMES | {"tracking.search", "tracking.hypotheses", "tracking.size", "tracking.whole"},
     "detector": {"files", "geometry"},
     "diagnostics": {"geometry", "model", "observation", "terms", "tracking.frame"},
     "store": {"files", "tracking", "tracking.frame", "tracking.hypotheses"},
@@ -48,12 +38,9 @@ ARROWS: dict[str, set[str]] = {
         "files", "geometry", "capture", "observation", "model", "detector", "tracking", "tracking.frame",
         "tracking.size", "tracking.search", "tracking.whole", "store",
     },
-    "export": {
-        "files", "geometry", "capture", "model", "diagnostics", "session", "tracking.frame",
-    },
-    "simulation": {
-        "files", "geometry", "capture", "observation", "model", "terms", "solver", "sampling", "diagnostics",
-        "session", "tracking", "tracking.frame", "tracking.search", "tracking.size",
+    "export": {"files", "geometry", "capture", "model", "diagnostics", "session", "tracking.frame"},
+    "simulation": FRAMES | {
+        "files", "capture", "diagnostics", "session", "tracking", "tracking.search", "tracking.size",
     },
 }  # fmt: skip
 """room → the rooms it imports; `bench` alone may import all of them"""

@@ -26,7 +26,6 @@ from tests.golden import recording
 from tests.golden.files import (
     AGAIN,
     FOLDER,
-    FRAMES,
     POSES,
     POSES_2,
     RECORDING,
@@ -34,7 +33,6 @@ from tests.golden.files import (
     written,
 )
 from tests.golden.meaning import differences, meaning
-from tests.sample_track import hand_track
 
 PICTURES = (".png",)
 """of a recording: they are what was seen, not what we write"""
@@ -63,13 +61,6 @@ def recorded_now(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recording")
     recording.written(folder)
     return folder
-
-
-def test_a_saved_result_of_format_1_opens():
-    saved, made = read_npz(FOLDER / POSES), hand_track(FRAMES)
-    assert saved.parameter_names == made.parameter_names
-    assert saved.joint_names == made.joint_names
-    assert_allclose(saved.joint_positions, made.joint_positions, atol=1e-9)
 
 
 def test_a_saved_result_of_format_2_opens():
