@@ -7,12 +7,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import HandScale, HandtrackError, load_model
-from handtrack.model.articulated import keypoint_names
+from handtrack.model.articulated import FINGERS, keypoint_names
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.model.transform import build_transform
 from handtrack.terms.collision import CollisionTerm, contact
 
-BODY = load_model("body34")
+HAND, BODY = load_model(), load_model("body34")
+TRUNK = ("spine", "neck"), ("neck", "head_top")
 
 
 def placed(model, joint, **degrees):
@@ -22,33 +23,42 @@ def placed(model, joint, **degrees):
 
 
 def test_zero_pose_is_flat_with_fingers_along_y_and_the_thumb_at_minus_x():
-    model = load_model()
-    points = dict(zip(keypoint_names(), model.keypoints21(model.bones(np.zeros(26))), strict=True))
-    for finger in ("index", "middle", "ring", "little"):
+    points = dict(zip(keypoint_names(), HAND.keypoints21(HAND.bones(np.zeros(26))), strict=True))
+    for finger in FINGERS[1:]:
         along = points[f"{finger}_tip"] - points[f"{finger}_mcp"]
         assert_allclose(along / np.linalg.norm(along), [0, 1, 0], atol=1e-12)
     assert points["thumb_tip"][0] < points["index_tip"][0] < points["little_tip"][0]
     assert np.linalg.norm(points["middle_tip"]) == pytest.approx(0.187, rel=0.02)
 
 
-@pytest.mark.parametrize("finger", ["index", "middle", "ring", "little"])
-def test_flexion_bends_to_the_palm(finger):
-    model = load_model()
-    for joint in ("mcp", "pip", "dip"):
-        bent = placed(model, f"{finger}_tip", **{f"{finger}_{joint}_flex": 30.0})
-        assert bent[2] < placed(model, f"{finger}_tip")[2] - 0.005
-
-
-def test_signs_of_abduction():
-    model = load_model()
-
-    def moved(name, **angles):
-        return placed(model, name, **angles) - placed(model, name)
-
-    for finger, sign in (("index", -1), ("middle", -1), ("ring", 1), ("little", 1)):
-        assert np.sign(moved(f"{finger}_tip", **{f"{finger}_mcp_abd": 20.0})[0]) == sign, finger
-    assert moved("thumb_tip", thumb_cmc_abd=20.0)[2] < -0.01  # away from the palm: to its side
-    assert moved("thumb_tip", thumb_cmc_flex=30.0)[0] > 0.01  # flexed: across the palm
+@pytest.mark.parametrize(
+    ("parameter", "joint", "axis", "least_m"),
+    [
+        *((f"{f}_{j}_flex", f"{f}_tip", 2, -0.005) for f in FINGERS[1:] for j in ("mcp", "pip", "dip")),
+        *((f"{f}_mcp_abd", f"{f}_tip", 0, -0.001) for f in ("index", "middle")),
+        *((f"{f}_mcp_abd", f"{f}_tip", 0, 0.001) for f in ("ring", "little")),
+        ("thumb_cmc_abd", "thumb_tip", 2, -0.01),  # away from the palm: to its side
+        ("thumb_cmc_flex", "thumb_tip", 0, 0.01),  # across the palm
+        ("left_hip_flex", "left_knee", 2, 0.1),  # the right limbs are mirror images
+        ("left_hip_abd", "left_knee", 0, 0.1),
+        ("left_knee_flex", "left_ankle", 2, -0.1),
+        ("left_ankle_flex", "left_toe", 1, 0.02),
+        ("left_hip_twist", "left_ankle", 0, -0.05),  # the knee out, the bent shin in
+        ("left_elbow_flex", "left_wrist", 2, 0.05),
+        ("left_shoulder_twist", "left_wrist", 0, 0.05),
+        ("left_clavicle_elevate", "left_shoulder", 1, 0.05),
+        ("left_clavicle_protract", "left_shoulder", 2, 0.05),
+        *((f"{bone}_flex", tip, 2, 0.05) for bone, tip in TRUNK),
+        *((f"{bone}_lean", tip, 0, 0.05) for bone, tip in TRUNK),
+        *((f"{bone}_twist", "nose", 0, 0.03) for bone, _ in TRUNK),
+    ],
+)  # fmt: skip
+def test_signs(parameter, joint, axis, least_m):
+    """A joint moves along an axis as its parameter grows; of twists, with elbow and knee bent."""
+    model = HAND if parameter in HAND.parameter_names else BODY
+    bend = {"left_elbow_flex": 60.0, "left_knee_flex": 60.0} if "twist" in parameter else {}
+    moved = placed(model, joint, **{parameter: 30.0}, **bend) - placed(model, joint, **bend)
+    assert moved[axis] / least_m > 1.0
 
 
 def test_wrist_flexion_brings_palm_and_forearm_together():
@@ -78,18 +88,17 @@ def test_the_left_hand_is_the_exact_mirror_image(rng):
 
 
 def test_scale_per_hand_and_per_finger():
-    models = load_model(scale=HandScale(1.1, {"thumb": 1.2})), load_model()
+    models = load_model(scale=HandScale(1.1, {"thumb": 1.2})), HAND
     big, plain = (dict(zip(m.joint_names, m.joint_positions(m.bones(np.zeros(26))), strict=True)) for m in models)  # fmt: skip
     for start, end, factor in (("index_mcp", "index_tip", 1.1), ("thumb_cmc", "thumb_tip", 1.32)):
         assert_allclose(big[end] - big[start], factor * (plain[end] - plain[start]))
 
 
 def test_spread_shrinks_as_the_knuckle_bends():
-    model = load_model()
-    abd, bent = model.skeleton.parameter("index_mcp_abd"), np.zeros(26)
-    straight = np.ptp(model.limits.bounds(bent)[abd])
-    bent[model.skeleton.parameter("index_mcp_flex")] = np.deg2rad(90)
-    assert np.ptp(model.limits.bounds(bent)[abd]) < 0.5 * straight
+    abd, bent = HAND.skeleton.parameter("index_mcp_abd"), np.zeros(26)
+    straight = np.ptp(HAND.limits.bounds(bent)[abd])
+    bent[HAND.skeleton.parameter("index_mcp_flex")] = np.deg2rad(90)
+    assert np.ptp(HAND.limits.bounds(bent)[abd]) < 0.5 * straight
 
 
 @pytest.mark.parametrize("name", ["body34", "body38"])
@@ -111,33 +120,6 @@ def test_left_and_right_are_mirror_images(name, rng):
     a, b = (body.joint_positions(body.bones(pose)) for pose in (joint, mirrored))
     swapped = [body.joint_names.index(other(n)) for n in body.joint_names]
     assert_allclose(a * [-1.0, 1.0, 1.0], b[swapped], atol=1e-12)
-
-
-def test_signs_of_limbs():
-    """Of the left ones; the right ones are mirror images."""
-
-    def turned(parameter, joint):
-        bend = {"left_elbow_flex": 60.0, "left_knee_flex": 60.0} if "twist" in parameter else {}
-        before = placed(BODY, f"left_{joint}", **bend)
-        return placed(BODY, f"left_{joint}", **{f"left_{parameter}": 30.0, **bend}) - before
-
-    assert turned("hip_flex", "knee")[2] > 0.1
-    assert turned("hip_abd", "knee")[0] > 0.1
-    assert turned("knee_flex", "ankle")[2] < -0.1
-    assert turned("ankle_flex", "toe")[1] > 0.02
-    assert turned("hip_twist", "ankle")[0] < -0.05  # the knee out, the bent shin in
-    assert turned("elbow_flex", "wrist")[2] > 0.05
-    assert turned("shoulder_twist", "wrist")[0] > 0.05
-    assert turned("clavicle_elevate", "shoulder")[1] > 0.05
-    assert turned("clavicle_protract", "shoulder")[2] > 0.05
-
-
-def test_signs_of_trunk_and_head():
-    for bone, tip in (("spine", "neck"), ("neck", "head_top")):
-        start = placed(BODY, tip)
-        assert placed(BODY, tip, **{f"{bone}_flex": 30})[2] > start[2] + 0.05
-        assert placed(BODY, tip, **{f"{bone}_lean": 30})[0] > start[0] + 0.05
-        assert placed(BODY, "nose", **{f"{bone}_twist": 30})[0] > 0.03
 
 
 def test_proportions_move_hips_clavicles_and_skull():
