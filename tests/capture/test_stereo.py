@@ -133,8 +133,6 @@ def test_a_wrong_calibration_is_noticed(texture):
 )
 def test_a_real_pair_with_true_disparity(method, density, within_1, within_2, data_dir):
     folder = data_dir / "stereo_pairs_truth"
-    if not folder.is_dir():
-        pytest.skip("no stereo_pairs_truth among the shared data")
     truth = np.load(folder / "motorcycle_disp.npz")["arr_0"]
     left, right = (cv2.imread(str(folder / f"motorcycle_{side}.png")) for side in ("left", "right"))
     found, _ = matches(left, right, 0, 64, StereoSettings(method))
@@ -148,8 +146,6 @@ def test_a_real_pair_with_true_disparity(method, density, within_1, within_2, da
 @pytest.mark.parametrize("method", METHODS)
 def test_a_hand_with_true_depth(method, data_dir):
     folder = data_dir / "sessions" / "webxr_stereo_768"
-    if not folder.is_dir():
-        pytest.skip("no webxr_stereo_768 among the shared data")
     rig = read_rig(folder / "calibration.toml")
     left = rig["left"]
 

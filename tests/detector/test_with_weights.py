@@ -18,10 +18,7 @@ FRAMES = range(FIRST, FIRST + 3)
 
 @pytest.fixture(scope="session")
 def weights(data_dir: Path) -> Path:
-    file = data_dir / "hand_detector" / "hand_landmarker.task"
-    if not file.is_file():
-        pytest.skip(f"no detector's weights at {file}")
-    return file
+    return data_dir / "hand_detector" / "hand_landmarker.task"
 
 
 @pytest.fixture(scope="session")
@@ -31,10 +28,7 @@ def detector(weights: Path) -> HandDetector:
 
 @pytest.fixture(scope="session")
 def desk(data_dir: Path) -> Session:
-    folder = data_dir / "sessions" / "desk_two_view"
-    if not folder.is_dir():
-        pytest.skip(f"no recording {folder}")
-    return Session.open(folder)
+    return Session.open(data_dir / "sessions" / "desk_two_view")
 
 
 def test_the_hand_over_the_desk_is_found_in_both_views_where_it_is(detector, desk):

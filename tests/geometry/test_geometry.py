@@ -36,14 +36,12 @@ def make(distortions: Floats = np.zeros(5), **changes: Any) -> Camera:
 @pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
 def test_projects_as_opencv_with_every_number_of_coefficients_and_back(count, rng):
     """Fault C30."""
-    camera = make(rng.normal(0, 0.02, count))
-    points = rng.uniform(-0.15, 0.15, (6, 7, 3))
-    expected, _ = cv2.projectPoints(
-        points.reshape(-1, 3),
-        camera.rotation,
-        camera.translation,
-        camera.matrix,
-        camera.distortions,
+    lens, points = rng.normal(0, 0.02, (1, count)), rng.uniform(-0.15, 0.15, (6, 7, 3))
+    turn, place = np.array([[0.1], [-0.2], [0.3]]), np.array([[20.0], [-10], [600]])
+    expected, _ = cv2.projectPoints(1e3 * points.reshape(-1, 3), turn, place, MATRIX, lens)
+    given = turn if count == 5 else cv2.Rodrigues(turn)[0]
+    camera = Camera.from_opencv(
+        MATRIX.tolist(), lens, given, place, name="cam0", size=(640, 480), unit_m=1e-3
     )
     seen, straight = camera.project(points), camera.without_distortion().project(points)
     assert_allclose(seen, expected.reshape(6, 7, 2), atol=1e-9)

@@ -1,12 +1,10 @@
 """What people import: small, documented, and enough without a session."""
 
-import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import (
-    Camera,
     HandScale,
     HandtrackError,
     ImageKeypoints,
@@ -41,16 +39,6 @@ def posed(bend: float = 0.5) -> np.ndarray:
 def points(params: np.ndarray, frame: int = 0) -> Observation:
     seen = Keypoints(HAND.joint_names, HAND.joint_positions(HAND.bones(params)), 0.003)
     return Observation(frame, frame / 30, keypoints=(seen,))
-
-
-def test_a_camera_of_opencvs_numbers_projects_as_opencv_does(rng):
-    matrix = [[600.0, 0, 320], [0, 610, 240], [0, 0, 1]]
-    lens, turn, place = np.array([[-0.2, 0.05, 1e-3, 2e-3, 0.01]]), np.array([[0.1], [-0.4], [0.2]]), np.array([[10.0], [20], [500]])  # fmt: skip
-    world = rng.uniform(-50, 50, (20, 3))
-    expected = cv2.projectPoints(world, turn, place, np.array(matrix), lens)[0][:, 0]
-    for given in (turn, cv2.Rodrigues(turn)[0]):
-        camera = Camera.from_opencv(matrix, lens, given, place, name="c", size=(640, 480), unit_m=0.001)  # fmt: skip
-        assert_allclose(camera.project(world / 1000), expected, atol=1e-9)
 
 
 def test_calibrations_are_read_in_metres(tmp_path):
