@@ -1,6 +1,7 @@
 """The documentation is true where a program can tell: links, commands, the README's example, generated parts."""
 
 import re
+import runpy
 import shlex
 from pathlib import Path
 from urllib.parse import unquote
@@ -85,6 +86,13 @@ def test_readme_example_runs_as_written(tmp_path, monkeypatch, capsys):
     assert f"({len(SHORT)}, 21, 3)" in capsys.readouterr().out
     rows = (tmp_path / "angles.csv").read_text().splitlines()
     assert len(rows) == 1 + len(SHORT)
+
+
+def test_the_example_of_a_term_has_its_derivatives(tmp_path, rng):
+    page = REPOSITORY / "docs" / "contributing" / "adding_a_term.md"
+    path = tmp_path / "table.py"
+    path.write_text("\n".join(blocks(page, "python")), encoding="utf-8")
+    runpy.run_path(str(path), run_name="table")["test_derivatives"](rng)
 
 
 def test_generated_parts_are_current():
