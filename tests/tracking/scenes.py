@@ -4,9 +4,23 @@ import numpy as np
 
 from handtrack import ImageKeypoints
 from handtrack.model.articulated import keypoint_names
+from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.terms.clouds.cloud_emptiness import seen_from
+
+
+def posed(model, pose, turn=(0.0, 0.0, 0.0)):
+    """Return parameters of a named pose, the palm near the world's origin."""
+    joint = named_pose(model, pose)
+    joint[1], joint[3:6] = -0.09, turn
+    return model.transform.solver_params(joint)
+
+
+def bent(model, params, finger, degrees):
+    """Return params with all joints of a finger bent by so much."""
+    own = [n.startswith(finger) and n.endswith("_flex") for n in model.parameter_names]
+    return model.clipped(np.where(own, np.deg2rad(degrees), params))
 
 
 def on_surface(model, params, count, rng, eye=None):

@@ -1,6 +1,7 @@
-"""First frames without a first pose: from silhouettes, clouds and both, whatever way the hand is turned."""
+"""First frames without a first pose, from silhouettes, clouds and both, whatever way the hand is turned; and which side it is."""
 
 import numpy as np
+import pytest
 
 from handtrack import (
     HandScale,
@@ -14,7 +15,8 @@ from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.search.auto_start import auto_start
-from tests.tracking.scenes import off_mm, on_surface
+from handtrack.tracking.search.other_side import evidence_of_other_side
+from tests.tracking.scenes import off_mm, on_surface, posed
 
 HANDS = [load_model(forearm=arm) for arm in (False, True)]
 FILMED = load_model(scale=HandScale(1.05))  # another person's
@@ -57,3 +59,16 @@ def test_a_forearm_is_noticed_in_a_depth_cameras_cloud(rng):
     assert found[0].model.has_forearm
     assert found[0].result.status == Status.TRACKED
     assert off_mm(found[0].result, arm, params).mean() < 12.0
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_c31_the_side_is_told_by_silhouettes(wrong):
+    """A wrong hand's palm looks where the true one's back does: there the outlines are alike."""
+    hands = [load_model("hand26", side) for side in ("right", "left")]
+    pose = posed(hands[0], "open")
+    seen = mask_views(hands[0], pose, simulated_rig(3, (160, 120)).cameras)
+    if wrong:
+        pose[4] = np.pi
+        hands.reverse()
+    odds = evidence_of_other_side(*hands, TrackerSettings(), [(seen, pose)])
+    assert odds > 3 if wrong else odds < -3

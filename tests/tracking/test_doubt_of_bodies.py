@@ -1,8 +1,9 @@
-"""What one camera cannot see of a body is in what is stated: limbs that look the same bent towards it and away."""
+"""What one camera cannot see of a body: limbs that look the same bent towards it and away, in a frame and in all together."""
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from handtrack import (
     Camera,
@@ -16,6 +17,7 @@ from handtrack import (
 )
 from handtrack.arrays import Floats
 from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.pose_changes import PLACE
 from handtrack.observation.observation import ImageView
 from handtrack.sampling.chains import chain_along
 from handtrack.sampling.interpretation_tree import interpretation_tree
@@ -23,6 +25,12 @@ from handtrack.tracking.frame.confidence import frame_confidence
 from handtrack.tracking.frame.depth_flips import mirrored_covariance
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.sequence import track_recording
+from handtrack.tracking.size.estimate import estimate_whole
+from handtrack.tracking.whole.evidence import Evidence, new_share
+from handtrack.tracking.whole.trajectory_hypotheses import (
+    TrajectoryHypothesis,
+    trajectory_hypotheses,
+)
 from tests.cameras import FACING, pinhole
 
 BODY = load_model("body34")
@@ -96,3 +104,71 @@ def test_a_body_in_one_camera_is_doubtful_and_in_two_it_is_not():
             assert 0.0 <= result.p_off_25mm <= 1.0
             assert result.p_off_10mm is None
     assert status == {"one": {Status.DOUBTFUL}, "two": {Status.TRACKED}}
+
+
+FRAMES = range(4)
+
+
+def _reaching() -> np.ndarray:
+    """Return an arm that is held out to the front, and a little more so in each frame."""
+    joint = BODY.joint_params(BODY.rest_params())
+    joint[BODY.parameter_names.index("left_shoulder_flex")] = 0.4
+    first = BODY.clipped(BODY.transform.solver_params(joint))
+    found = np.tile(first, (len(FRAMES), 1))
+    found[:, BODY.transform.names.index("left_shoulder_flex")] += 0.02 * np.arange(len(FRAMES))
+    return found
+
+
+def _evidence(
+    poses: np.ndarray, *cameras: Camera, off_px: Floats = np.zeros((4, 1, 2))
+) -> Evidence:
+    def observe(frame: int, _bones: object = None) -> Observation:
+        seen = joints_of_body(poses[frame], *cameras, off_px=off_px[frame])
+        return replace(seen, frame=frame, time_s=frame / 25.0)
+
+    settings = TrackerSettings().with_values({"prior.motion_sigma_deg": 5.0})
+    return Evidence(BODY, settings, observe, dict(zip(FRAMES, poses, strict=True)), 0.04)
+
+
+def _way(poses: np.ndarray, *cameras: Camera) -> TrajectoryHypothesis:
+    evidence = _evidence(poses, *cameras)
+    found = estimate_whole(evidence, FRAMES, poses, sweeps=3)
+    assert found is not None
+    return TrajectoryHypothesis(found, evidence, "followed")
+
+
+def _places(poses: np.ndarray) -> np.ndarray:
+    return np.array([BODY.joint_positions(BODY.bones(pose)) for pose in poses])
+
+
+def test_limbs_are_flipped_in_all_frames_alone_and_together():
+    ways = trajectory_hypotheses(_way(_reaching(), FRONT), FRAMES, 6)
+    best, *others = ways
+    assert [way.cost for way in ways] == sorted(way.cost for way in ways)
+    away = [_places(way.found.poses) - _places(best.found.poses) for way in others]
+    deep = [np.abs(off @ FRONT.rotation[2]).max(axis=1) for off in away]
+    assert any((frames > 0.1).all() for frames in deep)
+    assert any(way.origin.count(" flipped") == 2 for way in ways)
+
+
+def test_what_two_cameras_see_has_one_way():
+    way = _way(_reaching(), FRONT, SIDE)
+    assert trajectory_hypotheses(way, FRAMES, 6) == [way]
+
+
+def test_joints_of_one_camera_count_as_often_as_their_errors_are_new():
+    poses = _reaching()
+    one, two = (
+        replace(_evidence(poses, *cameras), new=0.2).of(0) for cameras in ((FRONT,), (FRONT, SIDE))
+    )
+    assert (one.share, two.share) == (0.2, 1.0)
+    whole, seen = one.linearize(poses[0], [], 0, _evidence(poses, FRONT).shared.person)
+    counted = whole.hessian[PLACE, PLACE].trace()
+    assert counted == pytest.approx(0.2 * seen[PLACE, PLACE].trace(), rel=1e-6)
+
+
+@pytest.mark.parametrize(("lasts", "least", "most"), [(0.0, 0.75, 1.0), (1.0, 0.05, 0.06)])
+def test_errors_that_come_again_are_told_from_new_ones(rng, lasts, least, most):
+    new, again = rng.normal(scale=5.0, size=(2, len(FRAMES), len(BODY.joint_names), 2))
+    off_px, poses = (1.0 - lasts) * new + lasts * again[0], _reaching()
+    assert least <= new_share(_evidence(poses, FRONT, off_px=off_px), FRAMES, poses) <= most

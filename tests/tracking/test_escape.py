@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from handtrack import Observation, PointCloud, TrackerSettings, load_model
-from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
@@ -16,23 +15,12 @@ from handtrack.tracking.search.lost_finger import (
     finger_shifts,
     with_fingers_found,
 )
-from tests.tracking.scenes import on_surface
+from tests.tracking.scenes import bent, on_surface, posed
 
 MODEL = load_model()
 SETTINGS = TrackerSettings()
 CAMERAS = simulated_rig(3, (320, 240)).cameras
-
-
-def posed(name):
-    joint = named_pose(MODEL, name)
-    joint[1] = -0.09
-    return MODEL.clipped(joint)
-
-
-def with_finger_at(params, finger, degrees):
-    """Return params with all joints of a finger bent by so much."""
-    own = [n.startswith(finger) and n.endswith("_flex") for n in MODEL.parameter_names]
-    return MODEL.clipped(np.where(own, np.deg2rad(degrees), params))
+OPEN = posed(MODEL, "open")
 
 
 class Scene:
@@ -58,12 +46,10 @@ def worst_mm(*poses):
 
 @pytest.mark.parametrize("finger", ["index", "thumb"])
 def test_a_finger_folded_by_mistake_is_unfolded(finger):
-    truth = posed("open")
-    start = with_finger_at(truth, finger, 85)
-    here = Scene(truth, start)
+    here = Scene(OPEN, bent(MODEL, OPEN, finger, 85))
     found = here.found()
     assert here.cost(found) <= here.cost(here.params)
-    assert worst_mm(found, truth) < 0.8  # measured 0.7 mm, from the truth too; 48 to 157 before
+    assert worst_mm(found, OPEN) < 0.8  # measured 0.7 mm, from the truth too; 48 to 157 before
 
 
 @pytest.mark.parametrize(
@@ -72,8 +58,8 @@ def test_a_finger_folded_by_mistake_is_unfolded(finger):
 )
 def test_a_finger_stretched_by_mistake_is_folded(finger, degrees, measured_mm):
     """Folded behind the hand, taken for straight: 5 to 14 cm off before. Where it is hidden, priors decide."""
-    truth = with_finger_at(posed("open"), finger, degrees)
-    here = Scene(truth, posed("open"))
+    truth = bent(MODEL, OPEN, finger, degrees)
+    here = Scene(truth, OPEN)
     found = here.found()
     assert worst_mm(here.params, truth) > 40.0
     assert here.cost(found) <= here.cost(truth) + 0.1
@@ -83,7 +69,7 @@ def test_a_finger_stretched_by_mistake_is_folded(finger, degrees, measured_mm):
 @pytest.mark.parametrize(("pose", "shift"), [("lsf_v", 0), ("lsf_v", 2), ("lsf_w", 1)])
 def test_a_hand_that_starts_one_finger_off_is_put_right(pose, shift):
     """Descent alone leaves a finger in the air; what masks do not show of the others cannot be asked for."""
-    truth = posed(pose)
+    truth = posed(MODEL, pose)
     here = Scene(truth, finger_shifts(MODEL, truth)[shift])
     assert here.cost(here.params) > here.cost(truth) + 50.0
     assert here.cost(here.found()) < here.cost(truth)
@@ -92,13 +78,12 @@ def test_a_hand_that_starts_one_finger_off_is_put_right(pose, shift):
 def test_a_finger_may_fold_out_of_a_depth_cameras_sight():
     """What was in view before it folded must not be asked for where it is hidden: it would never be folded."""
     eye = np.array([0.0, 0.0, 0.5])
-    start = posed("open")
     # its end behind the palm, which is seen from the back
-    truth = with_finger_at(start, "middle", 80)
+    truth = bent(MODEL, OPEN, "middle", 80)
     bones = MODEL.bones(truth)
     points, _ = on_surface(MODEL, truth, 6000, np.random.default_rng(3), eye)
     seen = Observation(0, 0.0, cloud=PointCloud(points), cloud_views=(eye[None],))
-    terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(start), None)
+    terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(OPEN), None)
     before, anew = (
         sum(term.cost(bones) for term in t.stage(t.stages - 1, bones))
         for t in (terms, terms.as_seen_at(bones))

@@ -12,16 +12,10 @@ from handtrack.tracking.search.keypoint_start import (
     hands_from_images,
     triangulated,
 )
-from tests.tracking.scenes import joints_seen
+from tests.tracking.scenes import joints_seen, posed
 
 MODEL = load_model()
 CAMERAS = [camera.without_distortion() for camera in simulated_rig(3, (640, 480)).cameras]
-
-
-def posed(pose, turn):
-    joint = named_pose(MODEL, pose)
-    joint[1], joint[3:6] = -0.09, turn
-    return MODEL.transform.solver_params(joint)
 
 
 def points_of(params):
@@ -38,7 +32,7 @@ def error_mm(params, points):
 
 
 def test_a_wrong_view_of_a_point_is_dropped(rng):
-    points = points_of(posed("rest", [0.3, 0.5, -0.2]))
+    points = points_of(posed(MODEL, "rest", [0.3, 0.5, -0.2]))
     seen = seen_by(CAMERAS, points, rng, 0.0)
     seen[1].pixels[8] += 150.0
     seen[2].pixels[12] = np.nan
@@ -50,7 +44,7 @@ def test_a_wrong_view_of_a_point_is_dropped(rng):
 
 @pytest.mark.parametrize("turn", [[0.3, 0.5, -0.2], [0.0, 2.6, 0.4], [-1.3, 0.2, 2.0]])
 def test_two_cameras_give_the_hand_and_one_leaves_a_choice_with_it(rng, turn):
-    points = points_of(posed("curl", turn))
+    points = points_of(posed(MODEL, "curl", turn))
     seen = seen_by(CAMERAS[:2], points, rng)
     best = hands_from_images(MODEL, seen)[0]
     assert error_mm(best.params, points) < 3.0

@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import Observation, Status, TrackerSettings, load_model
 from handtrack.model.pose_changes import changes
-from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
@@ -21,6 +20,7 @@ from handtrack.tracking.whole.alternatives import with_alternatives
 from handtrack.tracking.whole.evidence import Evidence, Recording
 from handtrack.tracking.whole.mode_search import Minimum, ModeSearch, Trellis
 from handtrack.tracking.whole.recording_estimate import refine
+from tests.tracking.scenes import bent, posed
 
 HAND = load_model()
 CAMERAS = simulated_rig(2, (320, 240)).cameras
@@ -64,18 +64,10 @@ def test_probabilities_are_those_of_all_ways_together(rng, share):
         assert_allclose(found, np.array(there) / mass.sum(), rtol=1e-6)
 
 
-def _bent(params, finger, degrees):
-    """Return params with all joints of a finger bent by so much."""
-    own = [n.startswith(finger) and n.endswith("_flex") for n in HAND.parameter_names]
-    return HAND.clipped(np.where(own, np.deg2rad(degrees), params))
-
-
 @pytest.fixture(scope="module")
 def turning():
     """A hand that turns a little: its poses, and what is seen."""
-    first = HAND.transform.solver_params(named_pose(HAND, "rest"))
-    first[1] = -0.09
-    poses = np.tile(first, (FRAMES, 1))
+    poses = np.tile(posed(HAND, "rest"), (FRAMES, 1))
     poses[:, 4] += np.linspace(0.0, 0.15, FRAMES)
     views = [mask_views(HAND, pose, CAMERAS) for pose in poses]
     return poses, [Observation(n, n / 25.0, seen.silhouettes) for n, seen in enumerate(views)]
@@ -99,7 +91,7 @@ def test_a_finger_that_one_frame_has_wrong_goes_with_those_beside_it(turning):
     """Its minimum is one: descent alone does not lead out of it."""
     poses, views = turning
     taken = poses.copy()
-    taken[WRONG] = _bent(poses[WRONG], "index", 100.0)
+    taken[WRONG] = bent(HAND, poses[WRONG], "index", 100.0)
     found = refine(
         Recording(HAND, TrackerSettings(), lambda n, _: views[n]), _tracked(taken, views)
     )
@@ -126,7 +118,7 @@ def test_frames_that_show_one_pose_count_as_one_unless_that_is_known_already(sec
 
 def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere():
     pose, sure = HAND.rest_params(), 1e4 * np.eye(26)
-    near, far = pose + 0.002 * (np.arange(26) == 0), _bent(pose, "index", 90.0)
+    near, far = pose + 0.002 * (np.arange(26) == 0), bent(HAND, pose, "index", 90.0)
     rows = [[_at(pose, 5.0, sure)] + [_at(x, 5.5, sure) for x in others] for others in ((), (near,), (far,))]  # fmt: skip
     known = np.tile(1e-6 * np.eye(3), (len(HAND.joint_names), 1, 1))
     stated = FrameConfidence(Status.TRACKED, None, known)
@@ -150,7 +142,7 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
 def test_hypotheses_that_were_carried_are_candidates(turning):
     """Nothing jumps and nothing is in doubt: no way is looked for, but one is known."""
     poses, views = turning
-    taken = np.array([_bent(pose, "index", 100.0) for pose in poses])
+    taken = np.array([bent(HAND, pose, "index", 100.0) for pose in poses])
     tracked = [
         replace(
             result,

@@ -76,14 +76,11 @@ T, D, L = Status.TRACKED, Status.DOUBTFUL, Status.LOST
         ({0: T, 1: T}, 2, 2.0),
         ({0: T, 4: T}, 8, 2.0),  # both spans at their longest
         ({0: T, 4: T}, 5, 1.25),
-        ({0: T, 1: T}, 5, 5.0),
         ({0: T, 5: T}, 6, 1.0),  # too far apart: the hand stays where it was
         ({0: T, 1: T}, 6, 1.0),  # too long ago
         ({8: T, 4: T}, 0, 2.0),  # backward in time
         ({9: T, 4: T}, 3, 1.0),
-        ({6: T, 5: T}, 0, 1.0),
         ({0: T, 2: T}, 1, 1.0),  # between both: they were not tracked in this direction
-        ({0: T, 2: T}, 2, 1.0),
         ({0: T, 1: T, 2: T, 3: L}, 4, 4.0),  # from frame 2 on, by a step a frame
         ({0: L, 1: T}, 2, 1.0),
         ({0: D, 1: D}, 2, 2.0),

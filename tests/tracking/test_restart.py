@@ -15,31 +15,24 @@ from handtrack import (
     TrackerState,
     load_model,
 )
-from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.search import engine, lost_hand
 from handtrack.tracking.search.global_search import GlobalObjective
 from handtrack.tracking.search.policy import why_hand_may_be_lost
-from tests.tracking.scenes import joints_seen, off_mm, on_surface
+from tests.tracking.scenes import joints_seen, off_mm, on_surface, posed
 
 MODEL = load_model()
 RIG = simulated_rig(3, (320, 240))
 PLAIN = TrackerSettings().with_values({"tracker.recovery": False})
 JUMPS = PLAIN.with_values({"tracker.recovery": True})
-
-
-def posed(pose="rest", turn=(0.0, 0.0, 0.0), away=(0.0, 0.0, 0.0)):
-    joint = named_pose(MODEL, pose)
-    joint[:3], joint[3:6] = away, turn
-    joint[1] -= 0.09
-    return MODEL.transform.solver_params(joint)
+STOOD = posed(MODEL, "rest")
 
 
 def first_of(seen):
     """Return the result of a first frame."""
-    return Tracker(MODEL, PLAIN).step(TrackerState.beginning_at(posed()), seen)[1]
+    return Tracker(MODEL, PLAIN).step(TrackerState.beginning_at(STOOD), seen)[1]
 
 
 def followed(settings, known, seen):
@@ -50,13 +43,14 @@ def followed(settings, known, seen):
 @pytest.fixture(scope="module")
 def known():
     """The result of a frame that was tracked."""
-    return first_of(mask_views(MODEL, posed(), RIG.cameras))
+    return first_of(mask_views(MODEL, STOOD, RIG.cameras))
 
 
 @pytest.mark.parametrize("by", ["masks", "cloud"])
 def test_a_hand_that_moved_on_unseen_is_found_again(rng, by):
     """Faults C32, C33. Further away than clouds are cropped: without jumps not one point is looked at."""
-    truth = posed("open", (0.2, 0.3, 0.0), (0.15, 0.05, 0.1))
+    truth = posed(MODEL, "open", (0.2, 0.3, 0.0))
+    truth[:3] += (0.15, 0.05, 0.1)
 
     def observation_of(params, frame):
         if by == "masks":
@@ -64,7 +58,7 @@ def test_a_hand_that_moved_on_unseen_is_found_again(rng, by):
         points, _ = on_surface(MODEL, params, 2500, rng)
         return Observation(frame, frame / 25.0, cloud=PointCloud(points))
 
-    first = first_of(observation_of(posed(), 0))
+    first = first_of(observation_of(STOOD, 0))
     seen = observation_of(truth, 1)
     plain, jumps = (followed(s, first, seen) for s in (PLAIN, JUMPS))
     assert plain.status == Status.LOST
@@ -81,7 +75,7 @@ def searched_for(known, seen):
 
 @pytest.mark.parametrize("spoil", [np.ones_like, lambda mask: 1 - mask], ids=["white", "inverted"])
 def test_masks_that_outline_nothing_are_not_searched_and_the_frame_says_so(known, spoil):
-    good = mask_views(MODEL, posed(), RIG.cameras, 1)
+    good = mask_views(MODEL, STOOD, RIG.cameras, 1)
     spoilt = [replace(one, mask=spoil(one.mask)) for one in good.silhouettes]
     seen = replace(good, silhouettes=tuple(spoilt))
     result, searched = searched_for(known, seen)
@@ -95,11 +89,11 @@ def test_masks_that_outline_nothing_are_not_searched_and_the_frame_says_so(known
 
 def test_a_hand_whose_joints_two_cameras_see_there_is_not_lost_nor_looked_for(known, monkeypatch):
     monkeypatch.setattr(engine, "run_rounds", lambda *_, **__: [])  # what a search finds takes long
-    good = mask_views(MODEL, posed(), RIG.cameras, 1)
+    good = mask_views(MODEL, STOOD, RIG.cameras, 1)
     beside = np.zeros_like(good.silhouettes[0].mask)
     beside[:80, :100] = 1.0  # something else of skin's colour
     spoilt = tuple(replace(one, mask=np.maximum(one.mask, beside)) for one in good.silhouettes)
-    joints = joints_seen(RIG.cameras, MODEL.keypoints21(MODEL.bones(posed())))
+    joints = joints_seen(RIG.cameras, MODEL.keypoints21(MODEL.bones(STOOD)))
     for cameras, status in ((1, Status.LOST), (2, Status.DOUBTFUL)):
         seen = replace(good, silhouettes=spoilt, keypoints=joints[:cameras])
         result, searched = searched_for(known, seen)

@@ -1,16 +1,23 @@
 """Cameras that are turned, zoomed or late among others: found with the poses, told, and put right."""
 
 import numpy as np
+import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import ImageKeypoints, Observation, Tracker, TrackerSettings, load_model
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.settings import PriorSettings
 from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.size.cameras import LATE, CameraChanges
+from handtrack.tracking.size.estimate import Shared, WholeEstimate
+from handtrack.tracking.size.motion import Motion
+from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.whole import recording_estimate
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
-from handtrack.tracking.whole.refinement import Refinement
+from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.cameras import pinhole
 
 HAND = load_model("hand26")
@@ -90,3 +97,54 @@ def test_clean_cameras_are_left_alone():
     assert all(abs(one.late_frames) < 0.05 for one in found.cameras)
     assert found.why == "converged"
     assert found.scale is None, "a size that was given stays"
+
+
+def _changed(rng):
+    cameras = (camera_at(0), camera_at(2))
+    scale = np.array([0.1] * 3 + [0.02] * 3 + [0.05, 0.4, 0.002])
+    return CameraChanges(cameras, scale * rng.normal(size=(2, 9)), (0, 2))
+
+
+def test_a_camera_is_corrected_from_what_is_told_of_it(rng):
+    """`refinement` of poses.npz is in degrees, millimetres and percent, of the camera; the changes are the hand's."""
+    changes = _changed(rng)
+    found = WholeEstimate(
+        np.zeros((1, 26)), np.zeros((1, 26, 26)), Motion.usual(PriorSettings(), 26, 0.04), np.zeros(1), 1, "converged",
+        Shared(changes, PersonChange.none(HAND)), np.eye(changes.count),
+    )  # fmt: skip
+    told = Refinement.read(Refinement.of(found).text)
+    for camera, corrected in zip(changes.cameras, changes.corrected(), strict=True):
+        again = told.corrected(camera)
+        assert_allclose(again.matrix, corrected.matrix, atol=1e-4)
+        assert_allclose(again.rotation, corrected.rotation, atol=1e-5)
+        assert_allclose(again.centre, corrected.centre, atol=1e-6)
+    assert told.corrected(camera_at(1)) == camera_at(1)
+
+
+def test_an_error_found_after_a_correction_adds_to_it():
+    camera, std = camera_at(0), (0.01,) * 9
+    first = CameraError("cam0", (1.0, -2.0, 0.5), (3.0, 0.0, -1.0), 0.8, 0.5, std)
+    second = CameraError("cam0", (0.3, 0.4, -1.5), (-1.0, 2.0, 0.5), -0.3, -0.2, std)
+    once, twice = second.after(first).corrected(camera), second.corrected(first.corrected(camera))
+    assert_allclose(once.matrix, twice.matrix, rtol=1e-5)
+    assert_allclose(once.rotation, twice.rotation, atol=1e-5)
+    assert_allclose(once.centre, twice.centre, atol=1e-6)
+    assert second.after(first).late_frames == pytest.approx(0.3)
+
+
+def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
+    cameras = _changed(rng)
+    cameras.values[:, LATE] = 0.0
+    bones = HAND.bones(HAND.rest_params())
+    pose = HAND.rest_params()[None]
+    for k, (camera, corrected) in enumerate(zip(cameras.cameras, cameras.corrected(), strict=True)):
+        # a zoom is true to its share of the hand's own depth: 5 % of 0.1 m at 0.5 m, a hundredth of the picture
+        seen = HAND.bones(cameras.seen_poses(k, pose, np.zeros_like(pose)).poses[0])
+        off = camera.project(seen.position) - corrected.project(bones.position)
+        size = np.ptp(corrected.project(bones.position), axis=0).max()
+        assert np.abs(off - off.mean(axis=0)).max() < 0.01 * size
+        cameras.values[k, 6] = 0.0
+        seen = HAND.bones(cameras.seen_poses(k, pose, np.zeros_like(pose)).poses[0])
+        assert_allclose(
+            camera.project(seen.position), cameras.corrected()[k].project(bones.position), atol=1e-9
+        )
