@@ -168,8 +168,3 @@ def test_of_two_hands_the_one_of_our_side_is_ours_in_every_view():
         "b": [seen("b", LEFT_PLACE, right=0.02), seen("b", RIGHT_PLACE)],
     }
     assert chosen(hands) == {"a": 0, "b": 1}
-
-
-def test_a_hand_of_the_other_side_is_not_ours():
-    assert chosen({"a": [seen("a", RIGHT_PLACE, right=0.1)], "b": []}) == {}
-    assert chosen({"a": [seen("a", RIGHT_PLACE)]}) == {"a": 0}

@@ -5,20 +5,19 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import LinearConstraint, minimize
 
-from handtrack import Keypoints, load_model
+from handtrack import load_model
 from handtrack.model.limits import MovingLimits
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.limited_step_kernels import bounded_step, clip, fill_box, new_box
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors.priors import CorrelatedPrior
 
 FAR = SolverSettings(iterations=100, cost_tolerance=1e-13)
 
 
 def spread_beyond(rng, coupling):
-    """Return a problem of bent fingers that are seen further apart than their limits let them be, and a start."""
+    """Return a problem of bent fingers that are wanted further apart than their limits let them be, and a start."""
     model = load_model(coupling=coupling)
     low, high = model.limits.interval[6:].T
     joint = np.r_[0.1 * rng.normal(size=6), low + rng.uniform(0.2, 0.6, 20) * (high - low)]
@@ -27,13 +26,10 @@ def spread_beyond(rng, coupling):
     side = rng.integers(0, 2, len(which))
     beyond = np.where(side == 1, 1.0, -1.0) * np.deg2rad(rng.uniform(2.0, 8.0, len(which)))
     joint[which] = model.limits.bounds(joint)[which, side] + beyond
-    params = model.transform.solver_params(joint)
-    points = model.joint_positions(model.bones(params))
-    points = points + 0.002 * rng.normal(size=points.shape)
-    sigma = np.r_[np.full(6, np.inf), np.full(20, 0.8)]
-    terms = [KeypointTerm(model, Keypoints(model.joint_names, points, 0.003))]
-    start = params + 0.1 * np.r_[np.zeros(3), rng.normal(size=len(params) - 3)]
-    return Problem(model, terms, [GaussianPrior(model.rest, sigma)]), start
+    start = model.transform.solver_params(joint)
+    root = 10.0 * rng.normal(size=(26, 26))
+    wanted = CorrelatedPrior(joint, root @ root.T + 10.0 * np.eye(26))
+    return Problem(model, [], [wanted]), start + 0.1 * rng.normal(size=len(start))
 
 
 def rows(limits, where):

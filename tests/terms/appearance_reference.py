@@ -1,6 +1,7 @@
 """Edges and texture in plain NumPy: what the compiled loops must agree with."""
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from handtrack.terms.rows import Rows, motion_row
 from tests.terms.plain_rows import system_of
@@ -36,16 +37,17 @@ def edges_system(term, bones):
 
 def bilinear(image, pixels):
     """Return values (N, 3) and slopes (N, 3, 2) of an image (H, W, 3), the border going on beyond it."""
-    last = np.array(image.shape[1::-1]) - 1
-    low = np.clip(np.floor(pixels), 0, last - 1)
-    share = np.clip(pixels - low, 0, 1)
-    x, y = low.astype(int).T
-    a, b, c, d = (image[y + v, x + u].astype(float) for v in (0, 1) for u in (0, 1))
-    u, v = share[:, :1], share[:, 1:]
-    values = (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d)
-    slopes = [(1 - v) * (b - a) + v * (d - c), (1 - u) * (c - a) + u * (d - b)]
-    inside = (pixels >= 0) & (pixels <= last)
-    return values, np.stack(slopes, axis=2) * inside[:, None]
+    planes, (x, y), (left, top) = (
+        np.moveaxis(image.astype(float), 2, 0),
+        pixels.T,
+        np.floor(pixels).T,
+    )
+
+    def at(x, y):
+        return np.stack([map_coordinates(p, [y, x], order=1, mode="nearest") for p in planes], 1)
+
+    slopes = at(left + 1, y) - at(left, y), at(x, top + 1) - at(x, top)
+    return at(x, y), np.stack(slopes, axis=2)
 
 
 def texture_system(term, bones):

@@ -39,12 +39,8 @@ SIDE = replace(FRONT, name="side", rotation=FRONT.rotation @ rotation_matrix(np.
 WRIST = BODY.joint_names.index("left_wrist")
 
 
-def _stepping() -> np.ndarray:
-    """Return a body with an arm held out to the front and a knee bent: of both the mirror image is a pose, too."""
-    joint = BODY.joint_params(BODY.rest_params())
-    for name, angle in (("left_shoulder_flex", 0.5), ("right_hip_flex", 0.6), ("right_knee_flex", 0.7)):  # fmt: skip
-        joint[BODY.parameter_names.index(name)] = angle
-    return BODY.clipped(BODY.transform.solver_params(joint))
+STEPPING = BODY.params_from({"left_shoulder_flex": 0.5, "right_hip_flex": 0.6, "right_knee_flex": 0.7})  # fmt: skip
+"""an arm held out to the front and a knee bent: of both the mirror image is a pose, too"""
 
 
 def joints_of_body(pose: np.ndarray, *cameras: Camera, off_px: Floats = np.zeros(2)) -> Observation:
@@ -67,7 +63,7 @@ def _flipped(pose: np.ndarray) -> np.ndarray:
 
 def test_one_camera_s_mask_or_image_leaves_flips_open_and_two_cameras_do_not():
     """A limb's outline is nearly its flip's: what is stated contains it, and the frame is no tracked one."""
-    pose = _stepping()
+    pose = STEPPING
     mask = np.zeros(FRONT.size[::-1], np.float32)
     mask[400:1500, 400:700] = 1.0
     image = np.zeros((*FRONT.size[::-1], 3), np.uint8)
@@ -86,7 +82,7 @@ def test_one_camera_s_mask_or_image_leaves_flips_open_and_two_cameras_do_not():
 
 
 def test_a_body_in_one_camera_is_doubtful_and_in_two_it_is_not():
-    true = _stepping()
+    true = STEPPING
     status = {}
     for name, cameras in (("one", (FRONT,)), ("two", (FRONT, SIDE))):
         seen = joints_of_body(true, *cameras)
@@ -111,12 +107,8 @@ FRAMES = range(4)
 
 def _reaching() -> np.ndarray:
     """Return an arm that is held out to the front, and a little more so in each frame."""
-    joint = BODY.joint_params(BODY.rest_params())
-    joint[BODY.parameter_names.index("left_shoulder_flex")] = 0.4
-    first = BODY.clipped(BODY.transform.solver_params(joint))
-    found = np.tile(first, (len(FRAMES), 1))
-    found[:, BODY.transform.names.index("left_shoulder_flex")] += 0.02 * np.arange(len(FRAMES))
-    return found
+    bends = 0.4 + 0.02 * np.arange(len(FRAMES))
+    return np.array([BODY.params_from({"left_shoulder_flex": bend}) for bend in bends])
 
 
 def _evidence(

@@ -11,7 +11,15 @@ from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from tests.derivatives import check_observation_term
 from tests.tracking.scenes import on_surface
-from tests.tracking.test_shared_cameras import FPS, HAND, camera_at, mean_off_mm, points_of, watched
+from tests.tracking.test_shared_cameras import (
+    BENT,
+    FPS,
+    HAND,
+    camera_at,
+    mean_off_mm,
+    points_of,
+    watched,
+)
 
 FRAMES = 11
 
@@ -21,8 +29,7 @@ def poses_at(frames):
     poses = np.tile(HAND.rest_params(), (len(frames), 1))
     poses[:, 0] += 0.010 * frames
     poses[:, 4] += np.deg2rad(2.0) * frames
-    bent = np.array(["_mcp_flex" in name or "_pip_flex" in name for name in HAND.parameter_names])
-    poses[:, bent] += np.deg2rad(6.0) * frames[:, None]
+    poses[:, BENT] += np.deg2rad(6.0) * frames[:, None]
     return np.array([HAND.clipped(pose) for pose in poses])
 
 

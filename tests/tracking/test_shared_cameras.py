@@ -21,6 +21,7 @@ from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.cameras import pinhole
 
 HAND = load_model("hand26")
+BENT = np.array(["_mcp_flex" in n or "_pip_flex" in n for n in HAND.parameter_names])
 FPS, SIGMA_PX = 30.0, 1.0
 AROUND = np.deg2rad([-50.0, 0.0, 45.0])
 
@@ -39,8 +40,7 @@ def waving_poses(frames=30):
     poses[:, 0] += 0.06 * np.sin(way)
     poses[:, 2] += 0.03 * np.sin(2.0 * way)
     poses[:, 4] += 0.4 * np.sin(way + 1.0)
-    bent = np.array(["_mcp_flex" in name or "_pip_flex" in name for name in HAND.parameter_names])
-    poses[:, bent] = np.deg2rad(40.0) - np.deg2rad(25.0) * np.cos(way)[:, None]
+    poses[:, BENT] = np.deg2rad(40.0) - np.deg2rad(25.0) * np.cos(way)[:, None]
     return np.array([HAND.clipped(pose) for pose in poses])
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handtrack import Keypoints, Observation, Status, Tracker, TrackerSettings, load_model
+from handtrack import Keypoints, Observation, Status, Tracker, TrackerSettings
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_changes import changes, moved
 from handtrack.solver.block_banded import BlockBanded
@@ -15,11 +15,10 @@ from handtrack.tracking.sequence import track_frames, track_recording
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import _bridged, refine, refine_near
+from tests.tracking.test_shared_cameras import BENT, HAND, points_of, waving_poses
 
-HAND = load_model("hand26")
 FRAMES, FPS, SIGMA_M = 40, 30.0, 0.004
 HIDDEN = range(16, 26)
-TOGETHER = np.array(["_mcp_flex" in n or "_pip_flex" in n for n in HAND.parameter_names])
 
 
 def test_the_motion_s_system_is_that_of_its_residuals(rng):
@@ -68,20 +67,6 @@ def test_the_pushes_are_found_from_poses_that_are_known(rng):
     assert abs(found[6, 7]) < 0.1 * np.sqrt(found[6, 6] * found[7, 7])
 
 
-def _opening_and_closing():
-    """Return poses (F, P) of a hand that closes, all fingers together, turns and goes aside."""
-    share = 0.5 - 0.5 * np.cos(np.linspace(0.0, 2.0 * np.pi, FRAMES))
-    poses = np.tile(HAND.rest_params(), (FRAMES, 1))
-    poses[:, 0] += 0.05 * np.sin(np.linspace(0.0, 3.0, FRAMES))
-    poses[:, 4] += 0.4 * share
-    poses[:, TOGETHER] = np.deg2rad(10.0) + np.deg2rad(75.0) * share[:, None]
-    return np.array([HAND.clipped(pose) for pose in poses])
-
-
-def _points(poses):
-    return np.array([HAND.keypoints21(HAND.bones(pose)) for pose in poses])
-
-
 def _seen(hidden, points):
     """Return what is seen of points (F, 21, 3), with noise; hidden: (F, 21), never seen."""
     noise = np.random.default_rng(5).normal(size=points.shape)
@@ -97,8 +82,8 @@ def _seen(hidden, points):
 
 def _tracked(hidden):
     """Return each frame as it came and as it was refined, and the true points."""
-    poses = _opening_and_closing()
-    truth = _points(poses)
+    poses = waving_poses(FRAMES)
+    truth = points_of(poses)
     whole = TrackerSettings().with_values({"tracker.estimate": "whole"})
     path = track_recording(Tracker(HAND, whole), _seen(hidden, truth), 0, poses[0], range(FRAMES))
     found = list(path)
@@ -134,7 +119,7 @@ def test_noise_of_points_is_smoothed_and_the_motion_is_not(finger_hidden):
 
 
 def test_a_finger_that_is_hidden_closes_with_the_others(finger_hidden):
-    """They close by 75° together while the middle one cannot be seen: across, a straight way would miss by a finger's breadth."""
+    """They close by 50° together while the middle one cannot be seen: across, a straight way would miss by a finger's breadth."""
     live, refined, truth = finger_hidden
     there = np.ix_(HIDDEN, MIDDLE)
     ends = [HIDDEN.start - 1, HIDDEN.stop]
@@ -177,9 +162,9 @@ OUTER = [
 
 def _fist(errs):
     """Return what is seen of a fist whose outer joints are seen beside where they are, or not at all; its poses, and its frames refined."""
-    poses, at = _opening_and_closing(), FRAMES // 2
-    poses[:, TOGETHER] = poses[at, TOGETHER] + 0.1 * (poses[:, TOGETHER] - poses[at, TOGETHER])
-    points = _points(poses)
+    poses, at = waving_poses(FRAMES), FRAMES // 2
+    poses[:, BENT] = poses[at, BENT] + 0.1 * (poses[:, BENT] - poses[at, BENT])
+    points = points_of(poses)
     points[:, OUTER] += errs
     observe, live = _followed_while(np.isnan(points[:, :, 0]), poses, points)
     return observe, poses, refine(Recording(HAND, Tracker(HAND).settings, observe), live)
@@ -196,7 +181,7 @@ def test_a_correction_heals_the_frames_beside(errs):
     after = {r.frame: r for r in (*whole, *again)}
     near = [n for n in range(at - 10, at + 11) if n != at]
     was, now = (
-        _off_mm([by[n] for n in near], _points(poses)[near])[:, OUTER] for by in (whole, after)
+        _off_mm([by[n] for n in near], points_of(poses)[near])[:, OUTER] for by in (whole, after)
     )
     assert now.mean() < 0.6 * was.mean()
 
@@ -215,8 +200,8 @@ def test_a_mistake_of_one_frame_leaves_those_beside_alone():
 
 
 def test_stopped_no_frame_beside_a_keyframe_changes():
-    poses, at = _opening_and_closing()[:7], 3
-    observe, live = _followed_while(np.zeros((7, 21), bool), poses, _points(poses))
+    poses, at = waving_poses(FRAMES)[:7], 3
+    observe, live = _followed_while(np.zeros((7, 21), bool), poses, points_of(poses))
     settings = Tracker(HAND).settings
     stopped = Control(should_stop=lambda: True)
     assert (
