@@ -43,11 +43,13 @@ STEPPING = BODY.params_from({"left_shoulder_flex": 0.5, "right_hip_flex": 0.6, "
 """an arm held out to the front and a knee bent: of both the mirror image is a pose, too"""
 
 
-def joints_of_body(pose: np.ndarray, *cameras: Camera, off_px: Floats = np.zeros(2)) -> Observation:
+def joints_of_body(
+    pose: np.ndarray, *cameras: Camera, off_px: Floats = np.zeros(2), sigma_px: float = 10.0
+) -> Observation:
     """Return where cameras see a body's joints."""
     places = BODY.joint_positions(BODY.bones(pose))
     joints = [
-        ImageKeypoints(c, BODY.joint_names, c.project(places) + off_px, 10.0) for c in cameras
+        ImageKeypoints(c, BODY.joint_names, c.project(places) + off_px, sigma_px) for c in cameras
     ]
     return Observation(0, 0.0, keypoints=tuple(joints))
 
