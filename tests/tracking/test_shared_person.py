@@ -19,15 +19,18 @@ from handtrack.model.model_file import read_scale, write_scale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.simulation.render import render_mask
+from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_emptiness import seen_from
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.size.cameras import CameraChanges
-from handtrack.tracking.size.estimate import Shared, estimate_whole
+from handtrack.tracking.size.estimate import Shared, estimate_whole, fit_size
 from handtrack.tracking.size.person import OpenPerson, PersonChange, shape_covariance
 from handtrack.tracking.whole.chosen_frames import fit_person
 from handtrack.tracking.whole.evidence import Evidence
 from handtrack.tracking.whole.refinement import Refinement
 from tests.derivatives import check_gradient
-from tests.tracking.scenes import on_surface
+from tests.tracking.scenes import joints_seen, on_surface
 from tests.tracking.test_shared_cameras import (
     FPS,
     camera_at,
@@ -212,3 +215,23 @@ def test_masks_of_one_camera_that_are_too_wide_make_no_thicker_hand():
     assert hand_length_mm(model) == pytest.approx(hand_length_mm(HAND), rel=0.01)
     thicker = np.log(model.flesh["fine"].radii / flesh.radii)
     assert abs(thicker.mean()) < 0.02
+
+
+@pytest.mark.parametrize("lasts", [False, True], ids=["new in each frame", "the same in all"])
+def test_the_stated_doubt_of_a_length_is_the_true_one(lasts):
+    """With a detector's errors of its sigma, new in each of six frames, and with one error in all of them, which counts once."""
+    off, filmed, poses = [], WHO.build(HandScale(1.06)), POSES[:18:3]
+    prior = GaussianPrior(HAND.rest, np.r_[np.full(6, np.inf), np.full(20, 0.7)])
+    for seed in range(6):
+        noise = np.random.default_rng(seed).normal(scale=4.0, size=(6, 3, 21, 2))
+        problems = []
+        for errors, points in zip(noise, points_of(poses, filmed), strict=True):
+            errors = noise[0] if lasts else errors
+            seen = [
+                joints_seen([c], points, px, 4.0)[0] for c, px in zip(CAMERAS, errors, strict=True)
+            ]
+            problems.append(Problem(HAND, [KeypointTerm(HAND, each) for each in seen], [prior]))
+        scale, _ = fit_size(problems, list(poses), repeated=6.0 if lasts else 1.0)
+        missed = hand_length_mm(WHO.build(scale)) - hand_length_mm(filmed)
+        off.append(missed / scale.std["length_mm"])
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
