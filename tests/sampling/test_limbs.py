@@ -11,7 +11,9 @@ from handtrack.sampling.chains import chain_along, chain_votes, chains_of
 from handtrack.sampling.interpretation_tree import interpretation_tree
 from tests.cameras import FACING, pinhole
 
-X, Y, Z = np.eye(3)
+BODY = load_model("body34")
+LENS = (-0.1, 0.02, 0.001, -0.001, 0)
+FRONT = pinhole("front", (1280, 960), 1100, FACING, (0, 0, 4), LENS)
 
 
 def _random_pose(model, rng):
@@ -28,39 +30,27 @@ def within_limits(limits, joint_params, slack=1e-9):
     return ((joint_params >= low - slack) & (joint_params <= high + slack)).all(axis=1)
 
 
-@pytest.fixture(scope="module")
-def body():
-    return load_model("body34")
-
-
-@pytest.fixture(scope="module")
-def camera():
-    """Four metres before the body, with a lens."""
-    lens = (-0.1, 0.02, 0.001, -0.001, 0)
-    return pinhole("front", (1280, 960), 1100, FACING, (0, 0, 4), lens)
-
-
 def _distant(metres):
     return pinhole("far", (1280, 960), 275.0 * metres, FACING, (0, 0, metres))
 
 
-def _bent(body, rng):
-    return body.clipped(body.rest_params() + np.r_[np.zeros(6), 0.4 * rng.normal(size=28)])
+def _bent(rng):
+    return BODY.clipped(BODY.rest_params() + np.r_[np.zeros(6), 0.4 * rng.normal(size=28)])
 
 
-def _pixels(model, camera, params, joints):
-    index = [model.joint_names.index(name) for name in joints]
-    return camera.project(model.joint_positions(model.bones(params)))[index]
+def _pixels(params, joints):
+    index = [BODY.joint_names.index(name) for name in joints]
+    return FRONT.project(BODY.joint_positions(BODY.bones(params)))[index]
 
 
-def test_one_flipped_link_by_hand(body):
+def test_one_flipped_link_by_hand():
     """A thigh lifted 30° to the camera flips to 30° away from it, as seen from far off."""
     far = _distant(3600.0)
     params = np.zeros(34)
-    flex = body.parameter_names.index("left_hip_flex")
+    flex = BODY.parameter_names.index("left_hip_flex")
     params[flex] = np.deg2rad(30.0)
-    thigh = chain_along(body, "thigh", ("left_hip", "left_knee"))
-    leaves = interpretation_tree(body, params, [thigh], far)
+    thigh = chain_along(BODY, "thigh", ("left_hip", "left_knee"))
+    leaves = interpretation_tree(BODY, params, [thigh], far)
     assert len(leaves) == 2
     assert_allclose(np.rad2deg(leaves.params[:, flex]), [30.0, -30.0], atol=0.02)
     assert leaves.far.tolist() == [[False], [True]]
@@ -70,7 +60,7 @@ def test_one_flipped_link_by_hand(body):
     ("name", "coupling"),
     [("hand26", "26"), ("hand26", "21"), ("hand26", "18"), ("body34", "26"), ("body38", "26")],
 )
-def test_all_leaves_are_seen_where_the_pose_is_and_one_is_the_pose(name, coupling, camera, rng):
+def test_all_leaves_are_seen_where_the_pose_is_and_one_is_the_pose(name, coupling, rng):
     """Random poses within limits, each limb looked for from the resting one."""
     model = load_model(name, coupling=coupling)
     rest = model.rest_params()
@@ -80,79 +70,79 @@ def test_all_leaves_are_seen_where_the_pose_is_and_one_is_the_pose(name, couplin
         for _ in range(20):
             params = _random_pose(model, rng)
             places = model.joint_positions(model.bones(params))
-            elsewhere, seen = params.copy(), camera.project(places)
+            elsewhere, seen = params.copy(), FRONT.project(places)
             elsewhere[own] = rest[own]
-            tree = interpretation_tree(model, elsewhere, [chain], camera, seen)
+            tree = interpretation_tree(model, elsewhere, [chain], FRONT, seen)
             assert tree.exact.all()
             assert within_limits(model.limits, tree.params @ model.transform.matrix.T).all()
             assert len(np.unique(tree.far, axis=0)) == len(tree)
             found = [model.joint_positions(model.bones(leaf))[joints] for leaf in tree.params]
             for leaf in found:
-                assert_allclose(camera.project(leaf), seen[joints], atol=1e-6)
+                assert_allclose(FRONT.project(leaf), seen[joints], atol=1e-6)
             assert np.abs(found - places[joints]).max(axis=(1, 2)).min() < 1e-8
 
 
-def test_no_joint_is_put_behind_the_camera(body):
+def test_no_joint_is_put_behind_the_camera():
     """Ten centimetres before a shoulder, the line of sight to the elbow goes on behind."""
-    arm = chain_along(body, "arm", ("left_shoulder", "left_elbow"))
-    places = [body.joint_names.index(name) for name in arm.joints]
-    rest = body.rest_params()
-    shoulder, _ = body.joint_positions(body.bones(rest))[places]
+    arm = chain_along(BODY, "arm", ("left_shoulder", "left_elbow"))
+    places = [BODY.joint_names.index(name) for name in arm.joints]
+    rest = BODY.rest_params()
+    shoulder, _ = BODY.joint_positions(BODY.bones(rest))[places]
     near = replace(_distant(1.0), translation=[0, 0, 0.1] - FACING @ shoulder)
-    leaves = interpretation_tree(body, rest, [arm], near).params
-    found = [body.joint_positions(body.bones(leaf))[places] for leaf in leaves]
+    leaves = interpretation_tree(BODY, rest, [arm], near).params
+    found = [BODY.joint_positions(BODY.bones(leaf))[places] for leaf in leaves]
     assert near.to_camera(np.array(found))[..., 2].min() > 0.0
 
 
-def test_a_stretched_limb_keeps_its_twist_or_has_one_drawn(body, camera, rng):
-    arm = chains_of(body)[1]
-    params = body.rest_params()
+def test_a_stretched_limb_keeps_its_twist_or_has_one_drawn(rng):
+    arm = chains_of(BODY)[1]
+    params = BODY.rest_params()
     twist, flex = (
-        body.parameter_names.index(f"left_{n}") for n in ("shoulder_twist", "elbow_flex")
+        BODY.parameter_names.index(f"left_{n}") for n in ("shoulder_twist", "elbow_flex")
     )
     params[[twist, flex]] = 0.4, 0.0
     kept, drawn = (
-        interpretation_tree(body, params, [arm], camera, rng=by).params for by in (None, rng)
+        interpretation_tree(BODY, params, [arm], FRONT, rng=by).params for by in (None, rng)
     )
     assert np.abs(kept - params).max(axis=1).min() < 1e-6
     own = drawn[np.abs(np.delete(drawn - params, twist, axis=1)).max(axis=1).argmin()]
     assert abs(own[twist] - 0.4) > 0.01
-    seen = _pixels(body, camera, params, arm.joints)
-    assert_allclose(_pixels(body, camera, own, arm.joints), seen, atol=1e-6)
+    seen = _pixels(params, arm.joints)
+    assert_allclose(_pixels(own, arm.joints), seen, atol=1e-6)
 
 
-def test_without_limits_the_tree_is_complete_and_limits_leave_what_they_allow(body, rng):
+def test_without_limits_the_tree_is_complete_and_limits_leave_what_they_allow(rng):
     camera = _distant(400.0)  # nearer by, some flipped thighs leave the knees out of reach
-    free, params = load_model("body34"), _bent(body, rng)
+    free, params = load_model("body34"), _bent(rng)
     free.limits.interval[6:] = (-np.pi, np.pi)
     everything, kept = (
         interpretation_tree(
             model, params, [c for c in chains_of(model) if c.name != "neck"], camera
         ).params
-        for model in (free, body)
+        for model in (free, BODY)
     )
     assert len(everything) == 4**4
     assert 0 < len(kept) < len(everything)
-    assert within_limits(body.limits, kept).all()
+    assert within_limits(BODY.limits, kept).all()
     # each that is allowed, and perhaps others whose nearest angles are not
-    for leaf in everything[within_limits(body.limits, everything)]:
+    for leaf in everything[within_limits(BODY.limits, everything)]:
         assert np.abs(kept - leaf).max(axis=1).min() < 1e-7
 
 
-def test_a_missed_ray_prunes_or_goes_on_with_the_nearest(body, camera):
-    params = body.rest_params()
-    arm = chains_of(body)[1]
-    targets = np.full((len(body.joint_names), 2), np.nan)
-    wrist = body.joint_names.index("left_wrist")
-    targets[wrist] = _pixels(body, camera, params, ["left_wrist"])[0] + (0.0, 300.0)
-    assert len(interpretation_tree(body, params, [arm], camera, targets)) == 0
-    near = interpretation_tree(body, params, [arm], camera, targets, take_nearest=True)
+def test_a_missed_ray_prunes_or_goes_on_with_the_nearest():
+    params = BODY.rest_params()
+    arm = chains_of(BODY)[1]
+    targets = np.full((len(BODY.joint_names), 2), np.nan)
+    wrist = BODY.joint_names.index("left_wrist")
+    targets[wrist] = _pixels(params, ["left_wrist"])[0] + (0.0, 300.0)
+    assert len(interpretation_tree(BODY, params, [arm], FRONT, targets)) == 0
+    near = interpretation_tree(BODY, params, [arm], FRONT, targets, take_nearest=True)
     assert 1 <= len(near) <= 4
     assert not near.exact.any()
-    assert within_limits(body.limits, near.params).all()
-    reached = [_pixels(body, camera, leaf, ["left_wrist"])[0, 1] for leaf in near.params]
+    assert within_limits(BODY.limits, near.params).all()
+    reached = [_pixels(leaf, ["left_wrist"])[0, 1] for leaf in near.params]
     # it stretches towards it
-    assert max(reached) > _pixels(body, camera, params, ["left_wrist"])[0, 1]
+    assert max(reached) > _pixels(params, ["left_wrist"])[0, 1]
 
 
 def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
@@ -169,37 +159,36 @@ def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
     assert within_limits(model.limits, near.params).all()
 
 
-def _along(model, **direction):
+def _along(**direction):
     """Return (P,) a unit direction among parameters in units of their ranges, and those ranges (inf where there is none)."""
-    low, high = model.bounds(model.rest_params()).T
+    low, high = BODY.bounds(BODY.rest_params()).T
     unit = np.zeros(len(low))
     for name, share in direction.items():
-        unit[model.transform.names.index(name)] = share
+        unit[BODY.transform.names.index(name)] = share
     return unit / np.linalg.norm(unit), np.where(np.isfinite(high - low), high - low, 1.0)
 
 
-def _votes(model, *bells):
+def _votes(*bells):
     """Return votes by chain for a covariance of bells along unit directions: (variance, direction by name) each."""
-    whole = np.zeros((len(model.transform.names),) * 2)
+    whole = np.zeros((len(BODY.transform.names),) * 2)
     for variance, direction in bells:
-        unit, width = _along(model, **direction)
+        unit, width = _along(**direction)
         whole += variance * np.outer(unit * width, unit * width)
-    chains = chains_of(model)
-    votes = chain_votes(model, model.rest_params(), whole, chains)
+    chains = chains_of(BODY)
+    votes = chain_votes(BODY, BODY.rest_params(), whole, chains)
     return {chain.name: vote for chain, vote in zip(chains, votes, strict=True)}
 
 
-def test_what_errs_together_votes_by_the_squares_of_its_shares(body):
+def test_what_errs_together_votes_by_the_squares_of_its_shares():
     """One direction, 3 parts elbow and 4 parts knee, that are wrong together: 9 votes to 16."""
-    together = _votes(body, (1e-2, {"right_elbow_flex": 3.0, "left_knee_flex": -4.0}))
+    together = _votes((1e-2, {"right_elbow_flex": 3.0, "left_knee_flex": -4.0}))
     assert together["right_arm"] == pytest.approx(9.0 / 25.0)
     assert together["left_leg"] == pytest.approx(16.0 / 25.0)
 
 
 @pytest.mark.parametrize(("small", "has_say"), [(0.04, False), (0.06, True)])
-def test_directions_vote_until_they_make_up_95_percent_of_the_variance(body, small, has_say):
+def test_directions_vote_until_they_make_up_95_percent_of_the_variance(small, has_say):
     votes = _votes(
-        body,
         (1.0 - small, {"right_elbow_flex": 1.0, "left_elbow_flex": 1.0}),
         (small, {"left_knee_flex": 2.0, "neck_flex": 1.0}),
     )
@@ -209,7 +198,7 @@ def test_directions_vote_until_they_make_up_95_percent_of_the_variance(body, sma
     assert votes["right_leg"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_what_is_known_and_where_the_root_is_have_no_say(body):
+def test_what_is_known_and_where_the_root_is_have_no_say():
     for nothing in ((), [(1.0, {"root_tz": 1.0})], [(1.0, {"spine_flex": 1.0})]):
-        assert set(_votes(body, *nothing).values()) == {0.2}
-    assert _votes(body, (9.0, {"root_tz": 1.0}), (0.01, {"neck_flex": 1.0}))["neck"] > 0.99
+        assert set(_votes(*nothing).values()) == {0.2}
+    assert _votes((9.0, {"root_tz": 1.0}), (0.01, {"neck_flex": 1.0}))["neck"] > 0.99
