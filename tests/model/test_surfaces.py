@@ -18,22 +18,19 @@ from handtrack.model.surfaces.surface_mesh import relaxed_mesh, surface_mesh
 from tests.model.metaballs_reference import merged
 from tests.terms.silhouette_scene import ellipsoids_of, parts_at
 
-
-@pytest.fixture(scope="module")
-def model():
-    return load_model()
+HAND = load_model()
 
 
-def around(rng, model, bones, count=2000):
+def around(rng, bones, count=2000):
     """Return points inside, on and outside the hand."""
-    joints = model.joint_positions(bones)
+    joints = HAND.joint_positions(bones)
     spread = rng.uniform(0.001, 0.05, size=(count, 1))
     return joints[rng.integers(len(joints), size=count)] + spread * rng.normal(size=(count, 3))
 
 
-def pose(rng, model):
-    params = model.rest_params() + 0.2 * rng.normal(size=len(model.rest_params()))
-    return model.bones(model.clipped(params))
+def pose(rng):
+    params = HAND.rest_params() + 0.2 * rng.normal(size=26)
+    return HAND.bones(HAND.clipped(params))
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -48,9 +45,9 @@ def test_all_forms_are_exact_for_a_ball(rng, form):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_kernel_equals_the_plain_form(rng, model, form):
-    bones, surface = pose(rng, model), MetaballSurface.of(model, form=form)
-    points = around(rng, model, bones)
+def test_kernel_equals_the_plain_form(rng, form):
+    bones, surface = pose(rng), MetaballSurface.of(HAND, form=form)
+    points = around(rng, bones)
     d, closest, share, n = merged(surface, bones, points)
     distance, nearest, gradient = surface.near(bones, points)
     assert_array_equal(nearest, closest)
@@ -60,9 +57,9 @@ def test_kernel_equals_the_plain_form(rng, model, form):
 
 
 @pytest.fixture(scope="module")
-def relaxed(model):
+def relaxed():
     """Return the hand's surface, its bones at rest, and the mesh there."""
-    surface, bones = MetaballSurface.of(model), model.bones(model.rest_params())
+    surface, bones = MetaballSurface.of(HAND), HAND.bones(HAND.rest_params())
     return surface, bones, surface_mesh(surface, bones)
 
 
@@ -84,14 +81,12 @@ def test_the_mesh_lies_on_the_surface_closed_and_turned_outwards(relaxed):
     assert ((found.face_normals * normals[mesh.faces[:, 0]]).sum(axis=1) > 0).mean() > 0.99
 
 
-def test_a_relaxed_mesh_is_the_surface_of_the_relaxed_hand_and_follows_the_bones(
-    model, relaxed, rng
-):
+def test_a_relaxed_mesh_is_the_surface_of_the_relaxed_hand_and_follows_the_bones(relaxed, rng):
     surface, _, expected = relaxed
-    mesh, moved = relaxed_mesh(model, SHARPNESS_PER_M, "d3"), model.rest_params()
+    mesh, moved = relaxed_mesh(HAND, SHARPNESS_PER_M, "d3"), HAND.rest_params()
     assert_allclose(mesh.local, expected.local)
     moved[:6] += rng.normal(scale=0.5, size=6)  # the whole hand: rigid
-    bones = model.bones(moved)
+    bones = HAND.bones(moved)
     vertices, normals = mesh.carried(bones)
     assert np.abs(surface.distance(bones, vertices)).max() < 1e-3
     near = surface.near(bones, vertices)[2]

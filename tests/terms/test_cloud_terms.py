@@ -22,41 +22,37 @@ from tests.terms.cloud_rays_reference import ray_costs
 from tests.terms.plain_rows import system_of
 from tests.terms.silhouette_scene import assert_same_system
 
+HAND = load_model()
+SURFACE, RESTING = MetaballSurface.of(HAND), HAND.bones(HAND.rest_params())
 LOSSES = [quadratic(), geman_mcclure(2.0), huber(1.5), uniform_outliers(0.2, 20.0)]
 
 
-@pytest.fixture(scope="module")
-def model():
-    return load_model()
-
-
-def hand_cloud(rng, model, count, noise=0.002, off=0.08):
+def hand_cloud(rng, count):
     """Return points near a hand's surface, and bones some millimetres and degrees away."""
-    truth = model.clipped(model.rest_params() + 0.2 * rng.normal(size=len(model.rest_params())))
-    points, _ = sample_surface(MetaballSurface.of(model), model.bones(truth), count, rng)
-    away = truth + off * rng.normal(size=len(truth))
-    away[:3] = truth[:3] + 0.1 * off * rng.normal(size=3)
-    return points + noise * rng.normal(size=points.shape), model.bones(model.clipped(away))
+    truth = HAND.clipped(HAND.rest_params() + 0.2 * rng.normal(size=26))
+    points, _ = sample_surface(SURFACE, HAND.bones(truth), count, rng)
+    away = truth + rng.normal(scale=0.08, size=26) * np.r_[np.full(3, 0.1), np.ones(23)]
+    return points + 0.002 * rng.normal(size=points.shape), HAND.bones(HAND.clipped(away))
 
 
 @pytest.mark.parametrize(("loss", "form"), [*zip(LOSSES, (*FORMS, "d3"), strict=True)])
-def test_distances_are_summed_as_in_the_plain_form_and_have_its_slope(rng, model, form, loss):
-    points, bones = hand_cloud(rng, model, 1501)
+def test_distances_are_summed_as_in_the_plain_form_and_have_its_slope(rng, form, loss):
+    points, bones = hand_cloud(rng, 1501)
     points = np.concatenate([points, rng.uniform(-0.3, 0.3, size=(200, 3))])
-    surface = MetaballSurface.of(model, form=form, sharpness=700.0)
+    surface = MetaballSurface.of(HAND, form=form, sharpness=700.0)
     term = CloudDistanceTerm(prepare_cloud(points), surface, 0.003, loss, weight=0.4)
     plain = system_of(cloud_rows(surface, bones, points, 0.003, loss, 0.4), len(bones.position))
     assert_same_system(term.linearize(bones), plain)
     assert term.cost(bones) == pytest.approx(plain.cost, rel=1e-9)
     few = replace(term, cloud=prepare_cloud(points[::5]))
-    check_observation_term(few, bones, model.skeleton.bone_names, step=1e-8, rtol=1e-4)
+    check_observation_term(few, bones, HAND.skeleton.bone_names, step=1e-8, rtol=1e-4)
 
 
-def test_an_empty_cloud_asks_for_nothing(rng, model):
-    _, bones = hand_cloud(rng, model, 1)
+def test_an_empty_cloud_asks_for_nothing(rng):
+    _, bones = hand_cloud(rng, 1)
     for points in (np.zeros((0, 3)), np.full((4, 3), np.nan)):
         cloud = prepare_cloud(points)
-        term = CloudDistanceTerm(cloud, MetaballSurface.of(model))
+        term = CloudDistanceTerm(cloud, SURFACE)
         system = term.linearize(bones)
         assert system.cost == term.cost(bones) == 0.0
         assert not system.gradient.any() and not system.hessian.any()
@@ -72,23 +68,21 @@ def test_a_losses_weight_is_the_slope_of_its_value(loss):
 
 
 @pytest.fixture(scope="module")
-def emptiness(model):
+def emptiness():
     rng = np.random.default_rng(3)
-    surface, bones = MetaballSurface.of(model), model.bones(model.rest_params())
-    points, _ = sample_surface(surface, bones, 4000, rng)
-    mesh = surface_mesh(surface, bones, 0.006)
-    vertices, _ = mesh.carried(bones)
+    points, _ = sample_surface(SURFACE, RESTING, 4000, rng)
+    mesh = surface_mesh(SURFACE, RESTING, 0.006)
+    vertices, _ = mesh.carried(RESTING)
     distances = distance_map(points, vertices.min(axis=0) - 0.04, vertices.max(axis=0) + 0.04)
     return CloudEmptinessTerm(distances, mesh.bone, mesh.local)
 
 
 @pytest.mark.parametrize("count", [1, 60, 40_000])
-def test_distances_near_the_surface_are_exact_to_a_tenth_of_a_millimetre(model, count):
+def test_distances_near_the_surface_are_exact_to_a_tenth_of_a_millimetre(count):
     """Sparse to dense clouds on a hand: at the cloud's nodes, on the surface and up to 6 mm away; further, on average."""
-    surface, bones = MetaballSurface.of(model), model.bones(model.rest_params())
     rng = np.random.default_rng(1)
-    cloud = sample_surface(surface, bones, count, rng)[0] + rng.normal(0.0, 3e-4, (count, 3))
-    mesh, _ = surface_mesh(surface, bones, 0.006).carried(bones)
+    cloud = sample_surface(SURFACE, RESTING, count, rng)[0] + rng.normal(0.0, 3e-4, (count, 3))
+    mesh, _ = surface_mesh(SURFACE, RESTING, 0.006).carried(RESTING)
     field = distance_map(cloud, mesh.min(axis=0) - 0.04, mesh.max(axis=0) + 0.04)
     values = field.at_nodes()
     nodes = np.moveaxis(np.indices(values.shape), 0, -1).reshape(-1, 3) * field.spacing + field.low
@@ -112,8 +106,8 @@ def test_the_slope_of_the_distance_is_its_derivative_inside_and_beyond_the_grid(
 
 
 @pytest.mark.parametrize("loss", LOSSES)
-def test_emptiness_is_summed_as_its_rows_and_has_its_slope(rng, model, emptiness, loss):
-    moved = model.bones(model.rest_params() + 0.05 * rng.normal(size=len(model.rest_params())))
+def test_emptiness_is_summed_as_its_rows_and_has_its_slope(rng, emptiness, loss):
+    moved = HAND.bones(HAND.rest_params() + 0.05 * rng.normal(size=26))
     term = replace(emptiness, loss=loss, weight=0.3, slack_m=0.001)
     x = moved.to_world(term.bone, term.local)
     distance, n = term.distances.at(x)
@@ -125,13 +119,13 @@ def test_emptiness_is_summed_as_its_rows_and_has_its_slope(rng, model, emptiness
     plain = system_of(rows, len(moved.position))
     assert_same_system(term.linearize(moved), plain)
     assert term.cost(moved) == pytest.approx(plain.cost, rel=1e-12)
-    check_observation_term(term, moved, model.skeleton.bone_names, step=1e-8, rtol=1e-4)
+    check_observation_term(term, moved, HAND.skeleton.bone_names, step=1e-8, rtol=1e-4)
 
 
-def test_only_what_a_view_can_have_measured_is_asked_for(model):
+def test_only_what_a_view_can_have_measured_is_asked_for():
     """A flat open hand from the front: no point of its back, none behind, and both cameras of a pair must see."""
-    surface, bones = MetaballSurface.of(model), model.bones(model.params_from({}))
-    mesh = surface_mesh(surface, bones, 0.005)
+    bones = HAND.bones(HAND.params_from({}))
+    mesh = surface_mesh(SURFACE, bones, 0.005)
     vertices, normals = mesh.carried(bones)
     front, side = np.array([[0.0, 0.1, 0.5]]), np.array([[0.5, 0.1, 0.1]])
     seen = seen_from(vertices, normals, [front])
@@ -144,19 +138,18 @@ def test_only_what_a_view_can_have_measured_is_asked_for(model):
     assert_array_equal(either, seen | by_side)
     assert seen_from(vertices, normals, []).all()
     # the thumb's side towards x is hidden from the other side by the palm: little of it may be asked for
-    thumb = np.isin(mesh.bone, [model.skeleton.bone(f"thumb_{b}") for b in ("proximal", "distal")])
+    thumb = np.isin(mesh.bone, [HAND.skeleton.bone(f"thumb_{b}") for b in ("proximal", "distal")])
     facing = normals @ [1, 0, 0] > 0.5
     assert by_side[thumb & facing].mean() < 0.5 < by_side[~thumb & facing].mean()
 
 
-def test_rays_cost_what_the_plain_form_says_and_have_its_slope(rng, model):
+def test_rays_cost_what_the_plain_form_says_and_have_its_slope(rng):
     """Points on the hand, each off along its ray; a third of them beside it as well."""
-    surface, bones = MetaballSurface.of(model), model.bones(model.rest_params())
     centre = np.array([0.02, 0.05, 0.6])
-    points = sample_surface(surface, bones, 300, rng)[0]
+    points = sample_surface(SURFACE, RESTING, 300, rng)[0]
     points = centre + (points - centre) * rng.uniform(0.93, 1.07, size=(300, 1))
     points[::3] += rng.normal(scale=0.008, size=points[::3].shape)
-    term = CloudRaysTerm(points, centre, surface, along_m=0.02, weight=0.7)
-    assert term.cost(bones) == pytest.approx(0.7 * ray_costs(term, bones).sum(), rel=1e-10)
-    moved = model.bones(model.rest_params() + 0.03)
-    check_observation_term(term, moved, model.skeleton.bone_names, step=1e-8, rtol=1e-4)
+    term = CloudRaysTerm(points, centre, SURFACE, along_m=0.02, weight=0.7)
+    assert term.cost(RESTING) == pytest.approx(0.7 * ray_costs(term, RESTING).sum(), rel=1e-10)
+    moved = HAND.bones(HAND.rest_params() + 0.03)
+    check_observation_term(term, moved, HAND.skeleton.bone_names, step=1e-8, rtol=1e-4)

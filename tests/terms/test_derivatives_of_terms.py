@@ -21,29 +21,25 @@ KINKED = {"step": 1e-9, "rtol": 1e-3}
 LOSSES = [quadratic(), geman_mcclure(3.0)]
 
 
+HAND = load_model(coupling="18")
 CAMERA = pinhole("cam0", (640, 480), (500, 510), translation=(0.1, 0.0, 0.9), at=(310, 250))
 
 
-def seen_by(rng, model, params, view):
+def seen_by(rng, params, view):
     """Return keypoints 5 mm or 3 pixels off, one of them unknown."""
-    points = model.joint_positions(model.bones(params))
+    points = HAND.joint_positions(HAND.bones(params))
     if view == "space":
         points = points + rng.normal(scale=0.005, size=points.shape)
         points[4] = np.nan
-        return Keypoints(model.joint_names, points, 0.004)
+        return Keypoints(HAND.joint_names, points, 0.004)
     pixels = CAMERA.project(points) + rng.normal(scale=3.0, size=(len(points), 2))
     pixels[4] = np.nan
-    return ImageKeypoints(CAMERA, model.joint_names, pixels, 2.0)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return load_model(coupling="18")
+    return ImageKeypoints(CAMERA, HAND.joint_names, pixels, 2.0)
 
 
 @pytest.fixture
-def params(rng, model):
-    return model.clipped(model.rest_params() + rng.normal(scale=0.2, size=len(model.rest_params())))
+def params(rng):
+    return HAND.clipped(HAND.rest_params() + rng.normal(scale=0.2, size=len(HAND.rest_params())))
 
 
 @pytest.mark.parametrize("normalised", [True, False])
@@ -63,10 +59,10 @@ def test_coverage(rng, antisymmetric, unknown):
 
 
 @pytest.mark.parametrize(("view", "loss"), zip(("space", "image", "image"), LOSSES, strict=False))
-def test_keypoints(rng, model, params, view, loss):
-    term = KeypointTerm(model, seen_by(rng, model, params, view), 0.7, loss)
-    bones = model.bones(model.clipped(params + rng.normal(scale=0.02, size=len(params))))
-    check_observation_term(term, bones, model.skeleton.bone_names)
+def test_keypoints(rng, params, view, loss):
+    term = KeypointTerm(HAND, seen_by(rng, params, view), 0.7, loss)
+    bones = HAND.bones(HAND.clipped(params + rng.normal(scale=0.02, size=len(params))))
+    check_observation_term(term, bones, HAND.skeleton.bone_names)
 
 
 @pytest.mark.parametrize("from_unexplained", [True, False])
@@ -102,16 +98,16 @@ def test_collision(rng):
     check_observation_term(term, bones, body.skeleton.bone_names)
 
 
-def test_priors(rng, model):
-    count = len(model.parameter_names)
+def test_priors(rng):
+    count = len(HAND.parameter_names)
     sigma, root = rng.uniform(0.05, 0.5, count), rng.normal(size=(count, count))
     sigma[:6] = np.inf
     rows, ratios = rng.normal(size=(2, 5, count))
     for term in (
-        GaussianPrior(model.rest, sigma),
-        CorrelatedPrior(model.rest, root @ root.T),
+        GaussianPrior(HAND.rest, sigma),
+        CorrelatedPrior(HAND.rest, root @ root.T),
         LinearPrior(rows),
         LinearPrior(rows, geman_mcclure(3.0), weight=0.4),
         LinearPrior(rows, geman_mcclure(3.0), weight=0.4, ratios=ratios),
     ):
-        check_parameter_term(term, rng.normal(size=count), model.parameter_names)
+        check_parameter_term(term, rng.normal(size=count), HAND.parameter_names)
