@@ -15,7 +15,7 @@ from handtrack.tracking.sequence import track_frames, track_recording
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import _bridged, refine, refine_near
-from tests.tracking.test_shared_cameras import BENT, HAND, points_of, waving_poses
+from tests.tracking.test_shared_cameras import BENT, HAND, points_of
 
 FRAMES, FPS, SIGMA_M = 40, 30.0, 0.004
 HIDDEN = range(16, 26)
@@ -67,6 +67,16 @@ def test_the_pushes_are_found_from_poses_that_are_known(rng):
     assert abs(found[6, 7]) < 0.1 * np.sqrt(found[6, 6] * found[7, 7])
 
 
+def _opening_and_closing():
+    """Return poses (F, P) of a hand that closes, all fingers together, turns and goes aside."""
+    share = 0.5 - 0.5 * np.cos(np.linspace(0.0, 2.0 * np.pi, FRAMES))
+    poses = np.tile(HAND.rest_params(), (FRAMES, 1))
+    poses[:, 0] += 0.05 * np.sin(np.linspace(0.0, 3.0, FRAMES))
+    poses[:, 4] += 0.4 * share
+    poses[:, BENT] = np.deg2rad(10.0) + np.deg2rad(75.0) * share[:, None]
+    return np.array([HAND.clipped(pose) for pose in poses])
+
+
 def _seen(hidden, points):
     """Return what is seen of points (F, 21, 3), with noise; hidden: (F, 21), never seen."""
     noise = np.random.default_rng(5).normal(size=points.shape)
@@ -82,7 +92,7 @@ def _seen(hidden, points):
 
 def _tracked(hidden):
     """Return each frame as it came and as it was refined, and the true points."""
-    poses = waving_poses(FRAMES)
+    poses = _opening_and_closing()
     truth = points_of(poses)
     whole = TrackerSettings().with_values({"tracker.estimate": "whole"})
     path = track_recording(Tracker(HAND, whole), _seen(hidden, truth), 0, poses[0], range(FRAMES))
@@ -119,7 +129,7 @@ def test_noise_of_points_is_smoothed_and_the_motion_is_not(finger_hidden):
 
 
 def test_a_finger_that_is_hidden_closes_with_the_others(finger_hidden):
-    """They close by 50° together while the middle one cannot be seen: across, a straight way would miss by a finger's breadth."""
+    """They close by 75° together while the middle one cannot be seen: across, a straight way would miss by a finger's breadth."""
     live, refined, truth = finger_hidden
     there = np.ix_(HIDDEN, MIDDLE)
     ends = [HIDDEN.start - 1, HIDDEN.stop]
@@ -162,7 +172,7 @@ OUTER = [
 
 def _fist(errs):
     """Return what is seen of a fist whose outer joints are seen beside where they are, or not at all; its poses, and its frames refined."""
-    poses, at = waving_poses(FRAMES), FRAMES // 2
+    poses, at = _opening_and_closing(), FRAMES // 2
     poses[:, BENT] = poses[at, BENT] + 0.1 * (poses[:, BENT] - poses[at, BENT])
     points = points_of(poses)
     points[:, OUTER] += errs
@@ -200,7 +210,7 @@ def test_a_mistake_of_one_frame_leaves_those_beside_alone():
 
 
 def test_stopped_no_frame_beside_a_keyframe_changes():
-    poses, at = waving_poses(FRAMES)[:7], 3
+    poses, at = _opening_and_closing()[:7], 3
     observe, live = _followed_while(np.zeros((7, 21), bool), poses, points_of(poses))
     settings = Tracker(HAND).settings
     stopped = Control(should_stop=lambda: True)
