@@ -4,10 +4,10 @@ import queue
 import threading
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from handtrack.arrays import Array
+from tests.capture.sample_files import filmed
 
 SIZE = (8, 6)
 
@@ -50,8 +50,5 @@ class ScriptedDevice:
 
 
 def clip(path: Path, frames: int = 5, size: tuple[int, int] = (64, 48)) -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 20.0, size)
-    for frame in range(frames):
-        writer.write(np.full((size[1], size[0], 3), 40 * frame, np.uint8))
-    writer.release()
-    return path
+    """Write a video whose frame n is 40 n grey levels bright."""
+    return filmed(path, (image(40 * frame, size) for frame in range(frames)), fps=20.0, size=size)

@@ -37,9 +37,15 @@ def sample(form: str, folder: Path) -> list[Path]:
     return [folder / path.name for path in sorted((SAMPLES / form).iterdir())]
 
 
-def filmed(path: Path, pictures: Iterable[Array], code: str = "MJPG", fps: float = 30.0) -> Path:
-    """Write a video of pictures (48, 64, 3)."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), fps, (64, 48))
+def filmed(
+    path: Path,
+    pictures: Iterable[Array],
+    code: str = "MJPG",
+    fps: float = 30.0,
+    size: tuple[int, int] = (64, 48),
+) -> Path:
+    """Write a video of pictures (H, W, 3)."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), fps, size)
     for picture in pictures:
         writer.write(picture)
     writer.release()

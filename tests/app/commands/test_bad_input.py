@@ -16,8 +16,10 @@ from handtrack import PointCloud, bundled_session, read_npz
 from handtrack.capture.clouds.cloud_files import write_cloud
 from tests.app.cloudy_session import cloudy_session
 from tests.app.command_line import FRAMES, QUICK, SIZE, listing, refused
+from tests.capture.sample_files import filmed
 from tests.session.small_session import edit
 from tests.session.test_hostile_sessions import contains
+from tests.session.test_times import cut
 
 VIDEO = bundled_session("open_fist_open") / "cam0.mp4"
 
@@ -84,15 +86,10 @@ def test_a_recording_that_is_shorter_than_its_video_says_is_tracked_to_its_end(
 ):
     """Tracking does not wait for the frames to be counted; here that is done last, and shows that they end earlier."""
     monkeypatch.setattr("handtrack_app.commands.track.count_beside", lambda *_: None)
-    path = session / "cam0.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, SIZE)
-    reader = cv2.VideoCapture(str(VIDEO))
-    for _ in range(FRAMES):
-        writer.write(cv2.resize(reader.read()[1], SIZE))
-    writer.release()
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    skin = 'images = "cam0.avi"\nmasks = { method = "skin_ycrcb" }'
-    edit(session / "session.toml", 'masks = "masks/cam0/*.png"', skin)
+    noise = np.random.default_rng(0).integers(0, 255, (FRAMES, *SIZE[::-1], 3), np.uint8)
+    filmed(session / "cam0.avi", noise, size=SIZE)
+    cut(session / "cam0.avi")
+    edit(session / "session.toml", 'name = "cam0"', 'name = "cam0"\nimages = "cam0.avi"')
     for mask in session.glob(f"masks/*/*{FRAMES - 1}.png"):
         mask.unlink()
     ended = handtrack.does("track", session)

@@ -1,7 +1,6 @@
 """`handtrack new` with 2D joints of others, of hands and bodies, and Pose2Sim's projects as its versions lay them out: in a session
 as its own, or refused in one sentence before anything is written."""
 
-import json
 import shutil
 from dataclasses import replace
 
@@ -16,6 +15,7 @@ from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from tests.app.command_line import refused
 from tests.app.commands.test_new import pictures
+from tests.capture.calibration_forms.hostile import HOSTILE as CALIBRATIONS
 from tests.capture.joints import people
 from tests.capture.joints.hostile import HDF5, HOSTILE
 from tests.capture.joints.people import in_order, openpose, pixels
@@ -95,16 +95,16 @@ def test_joints_that_cannot_be_taken_are_refused_in_a_sentence(
     assert not (tmp_path / "harmed").exists()
 
 
-@pytest.mark.parametrize(("form", "factor", "said"), [
-    ("json", 100.0, "unit: in its unit, the joints make a hand 1"),
-    ("colmap_text", 3.0, "unit: 0.4 m."),
+@pytest.mark.parametrize(("kind", "said", "off"), [
+    ("centimetres", "unit: in its unit, the joints make a hand 1", 1e-9),
+    ("COLMAP's unit", "unit: 1 m.", 0.25),
 ])  # fmt: skip
-def test_joints_tell_the_unit(form, factor, said, handtrack, new, tmp_path):
+def test_joints_tell_the_unit(kind, said, off, handtrack, new, tmp_path):
     """Of a rig in centimetres, which cameras alone leave open; and of one that has no unit, a proposal that `--yes` takes."""
     rig = rig_of_two()
     hand_m = keypoints() - keypoints().mean(axis=0) + [0.0, 0.0, 0.5]
-    (path,) = sample(f"calibration/{form}", tmp_path)
-    scaled(path, factor)
+    write, _ = CALIBRATIONS[kind]
+    path = write(tmp_path)
     words, joints = ["--fps", 30, "--calibration", path], {}
     for camera in rig:
         points = np.column_stack([camera.project(hand_m), np.ones(21)])
@@ -113,24 +113,9 @@ def test_joints_tell_the_unit(form, factor, said, handtrack, new, tmp_path):
     session, told = new(*words, "--yes", **joints)
     assert said in told
     found = session.rig["cam1"].translation / rig["cam1"].translation
-    assert found == pytest.approx(1.0, abs=1e-9 if form == "json" else 0.25)
-    wrong = [*words, *given(joints), "--out", tmp_path / "wrong", "--world-unit-m", 1]
+    assert found == pytest.approx(1.0, abs=off)
+    wrong = [*words, *given(joints), "--out", tmp_path / "wrong", "--world-unit-m", 3]
     assert "expected 6 to 25 cm" in handtrack("new", *wrong).err
-
-
-def scaled(path, factor):
-    """Write another unit of length into a calibration: JSON, or COLMAP's text."""
-    if path.is_file():
-        tables = json.loads(path.read_text())
-        for table in tables.values():
-            table["t"] = [factor * x for x in table["t"]]
-        path.write_text(json.dumps(tables))
-        return
-    rows = [line.split() for line in (path / "images.txt").read_text().splitlines()]
-    for row in rows:
-        if len(row) == 10 and row[0] != "#":
-            row[5:8] = [str(factor * float(x)) for x in row[5:8]]
-    (path / "images.txt").write_text("\n".join(map(" ".join, rows)) + "\n")
 
 
 def test_own_markers_are_refused_with_a_table_that_then_names_them(handtrack, new, tmp_path):

@@ -1,13 +1,10 @@
 """`handtrack skin`, and the same on the page: one ellipse of skin colour from several images segmented by hand."""
 
-import tomllib
-
 import cv2
 import numpy as np
 import pytest
 
 from handtrack import Session
-from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.capture.masks.mask_correction import AS_IT_IS
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.engine import opening
@@ -42,8 +39,7 @@ def filled(box, outside):
 
 
 def ellipse(folder):
-    table = tomllib.loads((folder / "session.toml").read_text())["clouds"]["skin"]
-    return SkinEllipse(tuple(table["mean"]), tuple(table["covariance"]), table["size"])
+    return Session.open(folder).file.clouds.filters.skin
 
 
 def holds(found, colour):

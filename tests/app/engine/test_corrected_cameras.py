@@ -70,7 +70,7 @@ def test_a_corrected_camera_stays_corrected_for_whoever_opens_the_session(folder
     assert "4.0 mm" in said and "2.00 frames late" in said
 
 
-def test_what_a_later_estimate_finds_adds_to_a_correction(folder):
+def test_a_later_estimate_adds_to_a_correction_that_another_calibration_ends(folder):
     store = _opened(folder)
     error = CameraError(NAME, (0.0, 1.5, 0.0), (4.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9)
     for _ in range(2):
@@ -80,13 +80,6 @@ def test_what_a_later_estimate_finds_adds_to_a_correction(folder):
     assert known.turn_deg == pytest.approx((0.0, 3.0, 0.0), abs=1e-3) and known.shift_mm[0] == 8.0
     _refined(store, replace(error, turn_deg=(0.0, 0.1, 0.0), shift_mm=(0.1, 0.0, 0.0)))
     assert not store.document.camera_errors, "too little to be sure"
-    store.close()
-
-
-def test_a_correction_of_another_calibration_does_not_apply(folder):
-    store = _opened(folder)
-    _refined(store, CameraError(NAME, (0.0, 1.5, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9))
-    store.do("Correction", edits.corrected_cameras(store.document, [NAME]))
     store.close()
     edit(folder / "session.toml", f'name = "{NAME}"', f'name = "{NAME}"\nlag_s = 0.25')
     session = Session.open(folder)
