@@ -7,6 +7,7 @@ import json
 import re
 import tempfile
 import zipfile
+from collections import defaultdict
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -189,41 +190,32 @@ def mcap(kind: str, folder: Path) -> float:
     yourdfpy, _, decoder = library("yourdfpy"), library("mcap"), library("mcap_ros2.reader")
     table, (path,) = written(kind, "mcap", folder)
     _, (robot_path, _) = written(kind, "urdf", folder)
-    rows: dict[int, dict] = {}
-    described = []
+    by_topic = defaultdict(list)
     for message in decoder.read_ros2_messages(str(path)):
-        frame, ros = message.sequence_count, message.ros_msg
-        if message.channel.topic == "/robot_description":
-            described.append(ros.data)
-            continue
-        row = rows.setdefault(frame - int(table.track.frame[0]), {})
-        (moved,) = ros.transforms if message.channel.topic == "/tf" else (None,)
-        header = ros.header if moved is None else moved.header
-        stamp = header.stamp.sec + 1e-9 * header.stamp.nanosec
-        assert stamp == pytest.approx(table.track.time_s[frame - table.track.frame[0]], abs=1e-8)
-        if message.channel.topic == "/joint_states":
-            row |= dict(zip(ros.name, ros.position, strict=True))
-        elif moved is not None:
-            assert (header.frame_id, moved.child_frame_id) == (
-                "world",
-                table.model.skeleton.bone_names[0],
-            )
-            place, turn = moved.transform.translation, moved.transform.rotation
-            row |= {f"tf_{axis}": getattr(place, axis) for axis in "xyz"}
-            row |= {f"tf_q{axis}": getattr(turn, axis) for axis in "xyzw"}
-        else:
-            place, turn = ros.pose.position, ros.pose.orientation
-            row |= {f"root_{axis}_m": getattr(place, axis) for axis in "xyz"}
-            row |= {f"root_q{axis}": getattr(turn, axis) for axis in "xyzw"}
-    assert sorted(rows) == np.flatnonzero(~table.is_lost).tolist()
-    assert described == [robot_path.read_text(encoding="utf-8")]
-    for row in rows.values():
+        by_topic[message.channel.topic].append(message)
+    (described,) = by_topic.pop("/robot_description")
+    assert described.ros_msg.data == robot_path.read_text(encoding="utf-8")
+    seen = np.flatnonzero(~table.is_lost)
+    for messages in by_topic.values():
+        assert [one.sequence_count for one in messages] == table.track.frame[seen].tolist()
+    states, places = ([one.ros_msg for one in by_topic[t]] for t in ("/joint_states", "/root_pose"))
+    moves = [moved for one in by_topic["/tf"] for moved in one.ros_msg.transforms]
+    for stamped in (states, places, moves):
+        stamps = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in stamped]
+        assert_allclose(stamps, table.track.time_s[seen], atol=1e-8)
+    rows = []
+    for state, place, move in zip(states, places, moves, strict=True):
+        assert (move.header.frame_id, move.child_frame_id) == ("world", table.track.bone_names[0])
+        row = dict(zip(state.name, state.position, strict=True))
         for axis in "xyz":
-            assert row.pop(f"tf_{axis}") == row[f"root_{axis}_m"]
+            row[f"root_{axis}_m"] = getattr(place.pose.position, axis)
+            assert getattr(move.transform.translation, axis) == row[f"root_{axis}_m"]
         for axis in "xyzw":
-            assert row.pop(f"tf_q{axis}") == row[f"root_q{axis}"]
+            row[f"root_q{axis}"] = getattr(place.pose.orientation, axis)
+            assert getattr(move.transform.rotation, axis) == row[f"root_q{axis}"]
+        rows.append(row)
     robot = yourdfpy.URDF.load(str(robot_path), load_meshes=False, build_scene_graph=True)
-    return _robot_error(_placed(robot, table), table, [rows[i] for i in sorted(rows)])
+    return _robot_error(_placed(robot, table), table, rows)
 
 
 def c3d(kind: str, folder: Path) -> float:
@@ -306,7 +298,7 @@ def _ordered(name: str, kind: str, folder: Path) -> float:
 
 
 def glb(kind: str, folder: Path) -> float:
-    """pygltflib's arrays, re-skinned here by the rules of glTF; trimesh loads the mesh."""
+    """pygltflib's arrays, posed here by the rules of glTF: vertices of one bone alone; trimesh loads the mesh."""
     pygltflib = library("pygltflib")
     import trimesh
 
@@ -341,24 +333,22 @@ def glb(kind: str, folder: Path) -> float:
     }
     times = array(animation.samplers[0].input)[:, 0]
     assert_allclose(times, table.track.time_s - table.track.time_s[0], atol=1e-6)
-    carried = table.track.T_world_bone[:, ours.bone]
-    wanted = np.einsum("fvij,vj->fvi", carried[..., :3, :3], ours.local) + carried[..., :3, 3]
-    worst = 0.0
-    for i in range(len(times)):
-        poses: dict[int, np.ndarray] = {}
-        for n in skin.joints:  # parents come first
-            node, pose = file.nodes[n], np.eye(4)
-            turn = moves.get((n, "rotation"), np.tile(node.rotation, (len(times), 1)))[i]
-            pose[:3, :3] = Rotation.from_quat(turn).as_matrix()
-            pose[:3, 3] = moves.get((n, "translation"), np.tile(node.translation, (len(times), 1)))[
-                i
-            ]
-            poses[n] = poses[above[n]] @ pose if n in above else pose
-        carry = np.stack([poses[n] for n in skin.joints]) @ back
-        moved = np.einsum("vkij,vj->vki", carry[joints], np.c_[rest, np.ones(len(rest))])
-        points = np.einsum("vk,vki->vi", weights, moved)[:, :3]
-        worst = max(worst, _worst(points[rigid], wanted[i][rigid]))
-    return worst
+    poses: dict[int, np.ndarray] = {}
+    for n in skin.joints:  # parents come first
+        node, pose = file.nodes[n], np.tile(np.eye(4), (len(times), 1, 1))
+        turn = moves.get((n, "rotation"), [node.rotation])
+        pose[:, :3, :3] = Rotation.from_quat(turn).as_matrix()
+        pose[:, :3, 3] = moves.get((n, "translation"), node.translation)
+        poses[n] = poses[above[n]] @ pose if n in above else pose
+
+    def carried(poses: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return all points (V, 3), carried by the pose of each one's bone."""
+        mine = poses[:, ours.bone]
+        return np.einsum("fvij,vj->fvi", mine[..., :3, :3], points) + mine[..., :3, 3]
+
+    found = carried(np.stack([poses[n] for n in skin.joints], axis=1) @ back, rest)
+    wanted = carried(table.track.T_world_bone, ours.local)
+    return _worst(found[:, rigid], wanted[:, rigid])
 
 
 def netcdf(kind: str, folder: Path) -> float:

@@ -1,22 +1,27 @@
 """A person in a small recording: what a detector sees of their joints in a few cameras, and nothing else."""
 
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from handtrack import ArticulatedModel, Camera, CameraRig, HandScale, load_model
-from handtrack.arrays import F, Floats, P
+from handtrack import Camera, CameraRig, HandScale, load_model
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.capture.images.openpose import LAYOUTS, write_points
+from handtrack.capture.images.openpose import LAYOUTS
+from handtrack.capture.joints.given_joints import write_joints
 from handtrack.geometry.rotation import rotation_matrix
+from handtrack.session.formats.truth import Truth, write_truth
+from handtrack.session.session_file import (
+    CameraSettings,
+    HandSettings,
+    RecordingSettings,
+    SessionFile,
+    write_session_file,
+)
 from handtrack.simulation.motion import motion as named_motion
+from handtrack.simulation.observation_files import points_of
 from tests.cameras import FACING, pinhole
 
-LAYOUT = LAYOUTS["body_25b"]
-FPS = 25.0
+LAYOUT = "body_25b"
 OFFSETS = {
     "left_hip": (-12.0, 30.0, 10.0), "right_hip": (12.0, 30.0, 10.0),
     "left_shoulder": (6.0, -20.0, -15.0), "right_shoulder": (-6.0, -20.0, -15.0),
@@ -26,55 +31,38 @@ OFFSETS = {
 PERSON = HandScale(1.05, {"thighs": 1.04, "forearms": 0.95}, {}, OFFSETS)
 
 
-@dataclass(frozen=True, eq=False)
-class Filmed:
-    """A recording, and who is in it."""
-
-    folder: Path
-    model: ArticulatedModel
-    poses: Floats[F, P]
-
-    def joints(self, frame: int) -> Floats:
-        """Return the named joints' true places, world [m]."""
-        return self.model.joint_positions(self.model.bones(self.poses[frame]))
-
-
 def film(
     folder: Path,
     cameras: int = 3,
     frames: int = 12,
     person: HandScale = PERSON,
-    hand: Mapping[str, object] | None = None,
+    hand: HandSettings = HandSettings("body34", scale="fit"),
     motion: str = "dance",
-) -> Filmed:
-    """Write a session of a person before cameras 4 m away, 60° from each other.
-
-    hand: what [hand] says beside the model.
-    """
+) -> Path:
+    """Write a session of a person before cameras 4 m away, 60° from each other, with the joints' true places."""
     model, rng = load_model("body34", scale=person), np.random.default_rng(4)
     joint = named_motion(model, motion, frames, rng)
-    poses = np.array([model.clipped(model.transform.solver_params(row)) for row in joint])
-    rig = CameraRig(tuple(_camera(k) for k in range(cameras)))
+    poses = [model.bones(model.clipped(model.transform.solver_params(row))) for row in joint]
+    rig = CameraRig(tuple(map(_camera, range(cameras))))
+    settings = tuple(
+        CameraSettings(c.name, keypoints=f"pose/{c.name}/*.json", keypoint_layout=LAYOUT)
+        for c in rig
+    )
     folder.mkdir(parents=True)
+    file = SessionFile(RecordingSettings("a person", 25.0), hand, settings)
+    write_session_file(folder / "session.toml", file)
     write_rig(folder / "calibration.toml", rig)
-    table = {"model": "body34", **(hand or {})}
-    lines = ["[session]", "format = 1", 'name = "a person"', f"fps = {FPS}", "", "[hand]"]
-    lines += [f"{name} = {json.dumps(value)}" for name, value in table.items()]
-    for camera in rig.cameras:
-        (folder / "pose" / camera.name).mkdir(parents=True)
-        lines += ["", "[[camera]]", f'name = "{camera.name}"', f'keypoints = "pose/{camera.name}/*.json"', 'keypoint_layout = "body_25b"']  # fmt: skip
-        for frame, pose in enumerate(poses):
-            pixels = camera.project(
-                model.bones(pose).to_world(model.joint_bone, model.observed_point)
-            )
+    places = np.array([model.joint_positions(bones) for bones in poses])
+    truth = Truth(np.arange(frames), None, None, model.joint_names, places)
+    write_truth(folder / "truth.npz", truth)
+    for camera in rig:
+        seen = {}
+        for frame, bones in enumerate(poses):
+            pixels = camera.project(bones.to_world(model.joint_bone, model.observed_point))
             pixels += rng.normal(scale=2.0, size=pixels.shape)
-            rows = np.zeros((LAYOUT.count, 3))
-            for name, row in LAYOUT.points.items():
-                rows[row] = (*pixels[model.joint_names.index(name)], 0.9)
-            path = folder / "pose" / camera.name / f"{frame:06d}.json"
-            write_points(path, rows, LAYOUT, "test")
-    (folder / "session.toml").write_text("\n".join(lines) + "\n")
-    return Filmed(folder, model, poses)
+            seen[frame] = points_of(LAYOUTS[LAYOUT], model.joint_names, pixels)
+        write_joints(seen, LAYOUT, folder / "pose" / camera.name)
+    return folder
 
 
 def _camera(number: int) -> Camera:

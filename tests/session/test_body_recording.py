@@ -4,44 +4,54 @@ import numpy as np
 import pytest
 
 from handtrack import HandScale, Session, TrackingRun
-from handtrack.session.first_pose.first_pose_search import SURE, find_first_poses
-from tests.session.body_session import OFFSETS, Filmed, film
+from handtrack.session.first_pose.first_pose_search import (
+    SURE,
+    FirstPoseCandidate,
+    find_first_poses,
+)
+from handtrack.session.session_file import HandSettings
+from tests.session.body_session import OFFSETS, film
 
 
 @pytest.fixture(scope="module")
-def filmed(tmp_path_factory: pytest.TempPathFactory) -> Filmed:
+def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
     """Three cameras; the size is to be fitted."""
-    return film(tmp_path_factory.mktemp("body") / "session", hand={"scale": "fit"})
+    return Session.open(film(tmp_path_factory.mktemp("body") / "session"))
 
 
 @pytest.fixture(scope="module")
-def sized(filmed: Filmed) -> TrackingRun:
+def found(session: Session) -> list[FirstPoseCandidate]:
+    return find_first_poses(TrackingRun.open(session, use_init=False))
+
+
+@pytest.fixture(scope="module")
+def sized(session: Session, found: list[FirstPoseCandidate]) -> TrackingRun:
     """The run once first pose and size are found."""
-    session = Session.open(filmed.folder)
-    found = find_first_poses(TrackingRun.open(session, use_init=False))
     return TrackingRun.open(session, first=found[0].first_pose)
 
 
-def error_m(filmed: Filmed, found, shape: bool = False) -> float:
+def error_m(session: Session, found: FirstPoseCandidate, shape: bool = False) -> float:
     """Return how far a candidate's joints are from the true ones on average; shape: about their middle."""
     joints = found.model.joint_positions(found.model.bones(found.params))
-    true = filmed.joints(found.frame)
+    true = session.truth.joint_positions[found.frame]
     if shape:
         joints, true = joints - joints.mean(axis=0), true - true.mean(axis=0)
     return float(np.linalg.norm(joints - true, axis=1).mean())
 
 
-def test_cameras_that_agree_give_a_bodys_first_pose(filmed):
-    (best,) = find_first_poses(TrackingRun.open(Session.open(filmed.folder), use_init=False))
+def test_cameras_that_agree_give_a_bodys_first_pose(session, found):
+    (best,) = found
     assert best.note == "3 cameras agree on 17 of 17 joints"
     assert best.confidence == 1.0
     assert best.first_pose.xyz is None
-    assert error_m(filmed, best) < 0.04, "of a body of the mean size, by a detector's joints"
+    assert error_m(session, best) < 0.04, "of a body of the mean size, by a detector's joints"
 
 
 def test_one_camera_leaves_a_bodys_pose_open_and_says_so(tmp_path):
-    alone = film(tmp_path / "session", cameras=1, frames=1, person=HandScale(), motion="still")
-    found = find_first_poses(TrackingRun.open(Session.open(alone.folder), use_init=False))
+    mean = HandSettings("body34")
+    folder = film(tmp_path / "session", 1, 1, HandScale(), mean, motion="still")
+    alone = Session.open(folder)
+    found = find_first_poses(TrackingRun.open(alone, use_init=False))
     sure = [one.confidence for one in found]
     assert sure == sorted(sure, reverse=True)
     assert sum(sure) <= 1.0 + 1e-9

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack import Camera, CameraRig, Session, TrackingRun, bundled_session, load_model
+from handtrack import Camera, CameraRig, Session, TrackingRun, bundled_session
 from handtrack.arrays import Floats
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.session.doctor import check_hand
@@ -33,6 +33,7 @@ from tests.session.small_session import (
     write_init,
     write_truth,
 )
+from tests.tracking.test_shared_cameras import TRUTH as WAVING
 
 
 def masks(folder: Path, camera: str, mask: np.ndarray, frames: range = range(4)) -> None:
@@ -241,23 +242,8 @@ def test_c28_exchanged_cameras_are_named():
     assert "They would fit if cameras 'cam1' and 'cam2' were exchanged" in found.text
 
 
-FRAMES, NOISE_PX = 30, 1.5
+NOISE_PX = 1.5
 SIZE = (640, 480)
-
-
-def moving_hand() -> Floats:
-    """(F, 21, 3) keypoints of a hand that sweeps through the images, bends and turns, world [m]."""
-    model = load_model("hand26")
-    frames = []
-    for phase in np.linspace(0.0, 2 * np.pi, FRAMES):
-        params = model.rest_params()
-        params[: len(params)] += 0.25 * np.sin(phase + np.arange(len(params)))
-        joints = model.keypoints21(model.bones(model.clipped(params)))
-        joints = joints - joints.mean(axis=0)
-        frames.append(
-            joints + [0.13 * np.sin(phase), 0.09 * np.sin(2 * phase), 0.06 * np.cos(phase)]
-        )
-    return np.array(frames)
 
 
 @dataclass
@@ -280,11 +266,8 @@ class Recording:
 
 
 def recorded(cameras: int = 3) -> Recording:
-    rng, rig, hand = (
-        np.random.default_rng(5),
-        simulated_rig(cameras, SIZE, 0.5, True),
-        moving_hand(),
-    )
+    rng, rig = np.random.default_rng(5), simulated_rig(cameras, SIZE, 0.5, True)
+    hand = WAVING - WAVING.mean(axis=(0, 1))  # in the middle of the images
     noise = rng.normal(0, NOISE_PX, (cameras, *hand.shape[:2], 2))
     pixels = {c.name: c.project(hand) + off for c, off in zip(rig, noise, strict=True)}
     return Recording({camera.name: camera for camera in rig}, pixels)
@@ -313,7 +296,7 @@ MISTAKES: dict[str, tuple[Callable[[Recording], None], str]] = {
     "C27 inverse": (changed(lambda c: {"rotation": c.rotation.T, "translation": -c.rotation.T @ c.translation}), "led from the camera to the world"),
     "C28 exchanged": (exchanged, "if cameras 'cam0' and 'cam2' were exchanged"),
     "C29 mirrored": (seen("cam1", lambda it: it.pixels["cam1"] * (-1, 1) + (SIZE[0] - 1, 0)), "if the images of camera 'cam1' were mirrored"),
-    "late by one": (seen("cam1", lambda it: it.pixels["cam1"][[0, *range(FRAMES - 1)]]), "with camera 'cam1' 1 frame late"),
+    "late by one": (seen("cam1", lambda it: it.pixels["cam1"][[0, *range(len(WAVING) - 1)]]), "with camera 'cam1' 1 frame late"),
     "another size": (changed(lambda c: {"matrix": c.matrix * [[1.5], [1.5], [1.0]]}, "cam2"), "if the matrix of camera 'cam2' were 0.667 times what it is"),
     "millimetres": (changed(lambda c: {"translation": 1000 * c.translation}), "With world_unit_m = 0.001 (millimetres) it were"),
     "other side": (lambda it: setattr(it, "side", "left"), "its joints are a right hand's"),
@@ -333,7 +316,7 @@ def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path):
     """In most frames the detector takes something else for the ring finger, in one camera."""
     it = recorded()
     ring = slice(13, 17)
-    it.pixels["cam1"][: FRAMES * 3 // 4, ring] += (30.0, -25.0)
+    it.pixels["cam1"][: len(WAVING) * 3 // 4, ring] += (-30.0, -25.0)
     (said,) = it.warnings(tmp_path)
     assert "'cam1'" in said and "ring" in said and "'cam0'" not in said
 

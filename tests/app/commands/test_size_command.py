@@ -128,7 +128,7 @@ def test_an_interrupted_size_fit_keeps_what_was_tracked_and_one_that_comes_later
 
 
 def test_a_persons_size_is_saved(handtrack, tmp_path):
-    person = film(tmp_path / "session", frames=8, hand={"scale": "fit"}).folder
+    person = film(tmp_path / "session", frames=8)
     ended = handtrack.does("size", person, "--init", "auto", "--count", "6")
     saved = person / "body.json"
     assert re.search(r"\+\d\.\d ± \d\.\d %, trunk", ended.out)
