@@ -25,10 +25,6 @@ BY = 0.3
 DESK = {"refined_by": BY}
 
 
-def _told(listener, title):
-    return [notice.text for notice in listener.notices if notice.title == title]
-
-
 def _bends(worker):
     at = worker.document.model.parameter_names.index("index_mcp_flex")
     return {f: float(r.parameters[at]) for f, r in worker.document.results.items()}
@@ -37,7 +33,7 @@ def _bends(worker):
 def _tracked(desk):
     worker, listener = desk
     worker.engine.track(0, FRAMES, 3, anew=True)
-    eventually(lambda: len(_told(listener, "Tracking finished")) == 1, "tracked and refined")
+    listener.told("Tracking finished")
 
 
 def test_what_was_tracked_is_refined_as_a_take_of_its_own_with_the_size_that_it_found(tmp_path):
@@ -46,8 +42,8 @@ def test_what_was_tracked_is_refined_as_a_take_of_its_own_with_the_size_that_it_
         live = document.run.scale
         _tracked((worker, listener))
         refined = _bends(worker)
-        (text,) = _told(listener, "Tracking finished")
-        assert f"{FRAMES} frames have a joint that moved by more than 5 mm" in text
+        moved = f"{FRAMES} frames have a joint that moved by more than 5 mm"
+        assert moved in listener.told("Tracking finished").text
         assert document.run.scale.overall == 1.07
         takes = store.takes()
         assert [take.about.by for take in takes] == ["handtrack open", "handtrack open, refined"]
@@ -69,12 +65,13 @@ def test_only_what_a_new_keyframe_touches_is_refined_again(desk, worker, listene
     before = _bends(worker)
     worker.engine.set_pose(8, pose_with(listener, index_mcp_flex=0.3), 1)
     worker.engine.refine()
-    eventually(lambda: len(_told(listener, "Refined")) == 1, "refined")
+    listener.told("Refined: ")
     after = _bends(worker)
     assert {f for f in before if after[f] != before[f]} == {7, 9}
     worker.engine.set_setting("tracker.smoothing", 0.5)
+    said = len(listener.seen)
     worker.engine.refine()
-    eventually(lambda: len(_told(listener, "Refined")) == 2, "refined again")
+    listener.told("Refined: ", said)
     last = _bends(worker)
     assert {f for f in before if last[f] != after[f]} == set(before) - {8}, "another setting"
 
@@ -90,16 +87,17 @@ def test_tracking_again_and_refining_leave_accepted_frames(desk, worker, listene
     before = _bends(worker)
     _accept(worker, 5, 6)
     worker.engine.set_pose(9, pose_with(listener, index_mcp_flex=0.3), 1)
+    said = len(listener.seen)
     worker.engine.track(0, FRAMES, 9)
-    eventually(lambda: len(_told(listener, "Tracking finished")) == 2, "tracked again")
+    listener.told("Tracking finished", said)
     after = _bends(worker)
     assert {f for f in before if after[f] == before[f]} == {5, 6, 9}, "9 is a keyframe"
     worker.engine.refine()
-    eventually(lambda: len(_told(listener, "Refined")) == 1, "refined")
+    listener.told("Refined: ")
     last = _bends(worker)
     assert {f for f in before if last[f] == after[f]} == {5, 6, 9}
     worker.engine.restore_take(1)
-    eventually(lambda: len(_told(listener, "Take 1 is the track again")) == 1, "restored")
+    listener.told("Take 1 is the track again")
     restored = _bends(worker)
     assert restored[5] == before[5] and restored[7] != last[7]
 
@@ -111,7 +109,7 @@ def test_an_accepted_frame_is_not_fitted_until_it_is_let_go(desk, worker, listen
     listener.told("Frame 4 is accepted")
     _accept(worker, 4, 4, on=False)
     worker.engine.track(4, 5, 4)
-    eventually(lambda: bool(_told(listener, "Frame 4 is fitted")), "fitted")
+    listener.told("Frame 4 is fitted")
 
 
 def test_frames_without_a_pose_cannot_be_accepted(tmp_path, left_open):
@@ -192,19 +190,15 @@ def _errors(listener):
     return [f"{n.title} {n.text}" for n in listener.notices if n.level == "error"]
 
 
-def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(
-    worker,
-    listener,
-):
-    worker.engine.track(0, FRAMES, 3, anew=True)
-    eventually(lambda: len(_told(listener, "Tracking finished")) == 1, "tracked")
+def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(desk, worker, listener):
+    _tracked(desk)
     worker.engine.show_frame(8)
     _pull(worker, listener, 1, frame=8)
     listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 2 and p.origin == "pinned")
     pinned, before = worker.document.pose_at(8), _bends(worker)
     assert not worker.document.keyframes(range(FRAMES))
     worker.engine.refine()
-    eventually(lambda: len(_told(listener, "Refined")) == 1, "refined")
+    listener.told("Refined: ")
     after = _bends(worker)
     assert {f for f in before if after[f] != before[f]} == {7, 8, 9}, "only what pins touch"
     assert worker.document.pose_at(8).tolist() != pinned.tolist(), "what was refined shows"

@@ -16,7 +16,6 @@ from handtrack_app.engine import opening
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.cloudy_session import cloudy_session
-from tests.app.fake_run import fake_document
 from tests.app.opened import did, opened
 from tests.app.waiting import eventually
 
@@ -51,8 +50,7 @@ def test_the_file_before_is_kept_and_the_journal_gives_way(store):
     saving.save_settings(store)  # which has them already
     (kept,) = versions(path)
     assert kept.read_text(encoding="utf-8") == TEXT
-    again = Persistence.open(fake_document(store.folder))
-    again.restore()  # what stands in session.toml may be edited there from now on
+    again = opened(store.folder)  # what stands in session.toml may be edited there from now on
     assert again.document.run.settings.solver.iterations == 30
 
 
@@ -68,8 +66,7 @@ def test_a_file_that_cannot_be_changed_is_left_alone_and_nothing_is_lost(store, 
     with pytest.raises(HandtrackError):
         saving.save_settings(store)
     assert (path.read_text(encoding="utf-8") if path.exists() else None) == text
-    again = Persistence.open(fake_document(store.folder))
-    again.restore()
+    again = opened(store.folder)
     assert again.document.run.settings.solver.iterations == 7
 
 
