@@ -135,13 +135,13 @@ def test_against_opencv_s_stereo_chessboard(data_dir):
 PER_MM = 2.0
 
 
-def looking_at(name, size, focal, centre, target, distortions) -> Camera:
-    """Return a camera at `centre` looking at `target`, world y down."""
-    forward = np.subtract(target, centre)
+def looking_at_boards(name, focal, centre, distortions) -> Camera:
+    """Return a camera at `centre` looking at where boards are waved, world y down."""
+    forward = np.subtract((0, 0, 0.45), centre)
     rotation = looking_along(forward / np.linalg.norm(forward), np.array([0.0, 1.0, 0.0]))
-    at = size[0] / 2 + 3, size[1] / 2 - 5
+    place = -rotation @ centre
     return pinhole(
-        name, size, (focal, 1.004 * focal), rotation, -rotation @ centre, distortions, at
+        name, (480, 360), (focal, 1.004 * focal), rotation, place, distortions, (243, 175)
     )
 
 
@@ -175,16 +175,13 @@ def photograph(camera: Camera, board: CharucoBoard, pose, rng) -> np.ndarray:
     return np.clip(np.round(rng.normal(image, 2.0)), 0, 255).astype(np.uint8)
 
 
-def three_cameras() -> CameraRig:
-    """Return a rig of three distorted cameras about 45 cm from where boards are waved."""
-    size, middle = (480, 360), (0, 0, 0.45)
-    return CameraRig(
-        (
-            looking_at("a", size, 430, (-0.12, 0.0, 0.0), middle, (-0.2, 0.06, 1e-3, -5e-4, 0.0)),
-            looking_at("b", size, 445, (0.1, -0.03, 0.02), middle, (-0.15, 0.02, 0.0, 1e-3, 0.0)),
-            looking_at("c", size, 420, (0.28, 0.05, 0.12), middle, (-0.18, 0.04, 0.0, 0.0, 0.0)),
-        )
+RIG = CameraRig(
+    (
+        looking_at_boards("a", 430, (-0.12, 0.0, 0.0), (-0.2, 0.06, 1e-3, -5e-4, 0.0)),
+        looking_at_boards("b", 445, (0.1, -0.03, 0.02), (-0.15, 0.02, 0.0, 1e-3, 0.0)),
+        looking_at_boards("c", 420, (0.28, 0.05, 0.12), (-0.18, 0.04, 0.0, 0.0, 0.0)),
     )
+)
 
 
 NOISE_PX = 0.1
@@ -203,20 +200,13 @@ def views_of(camera, board, poses, rng, frames=None):
     return CameraViews(camera.name, camera.size, tuple(found), (), len(poses), "simulated")
 
 
-@pytest.fixture(scope="module")
-def rig():
-    return three_cameras()
+POSES = board_poses(BOARD, 40, np.random.default_rng(7))
 
 
-@pytest.fixture(scope="module")
-def poses():
-    return board_poses(BOARD, 40, np.random.default_rng(7))
-
-
-def assert_same_rig(calibrated, rig, centre_mm):
+def assert_same_rig(calibrated, centre_mm):
     """Compare with the truth in the first camera's frame; lenses within 5 stated deviations."""
-    first, stated_of = rig.cameras[0], calibrated.report.cameras
-    for got, true, stated in zip(calibrated.rig, rig, stated_of, strict=True):
+    first, stated_of = RIG.cameras[0], calibrated.report.cameras
+    for got, true, stated in zip(calibrated.rig, RIG, stated_of, strict=True):
         lens = [*true.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *true.distortions]
         lens_off = [stated["lens"][name] for name in LENS] - np.array(lens)
         lens_std = np.array([stated["lens_std"][name] for name in LENS])
@@ -253,25 +243,25 @@ CHAINED = {"a": range(25), "b": range(40), "c": range(25, 40)}
     [({}, 0.5, "ab ac bc"), (CHAINED, 1.5, "ab bc")],
     ids=["all see the board", "a and c never together"],
 )
-def test_a_known_rig_is_found_again(seen, centre_mm, pairs, rig, poses, rng):
-    cameras = [views_of(camera, BOARD, poses, rng, seen.get(camera.name)) for camera in rig]
+def test_a_known_rig_is_found_again(seen, centre_mm, pairs, rng):
+    cameras = [views_of(camera, BOARD, POSES, rng, seen.get(camera.name)) for camera in RIG]
     found = calibrate_rig(BOARD, cameras)
-    assert_same_rig(found, rig, centre_mm)
+    assert_same_rig(found, centre_mm)
     assert found.report.sigma_px == pytest.approx(NOISE_PX, rel=0.1)
     assert {"".join(pair["names"]) for pair in found.report.pairs} == set(pairs.split())
     for pair in found.report.pairs:
-        a, b = (rig[name] for name in pair["names"])
+        a, b = (RIG[name] for name in pair["names"])
         assert pair["baseline_m"] == pytest.approx(
             np.linalg.norm(a.centre - b.centre), abs=1e-3 * centre_mm
         )
 
 
-def test_a_board_that_looks_alike_when_turned_is_settled_by_agreement(rig, rng):
+def test_a_board_that_looks_alike_when_turned_is_settled_by_agreement(rng):
     """An even x even board, numbered from either end at random in each camera and view."""
     board = parse_board("chessboard:8x6:25mm")
     poses = board_poses(board, 24, rng)
     cameras = []
-    for camera in rig:
+    for camera in RIG:
         seen = views_of(camera, board, poses, rng)
         turned = tuple(
             replace(view, ids=board.turns[1][view.ids]) if rng.random() < 0.5 else view
@@ -279,12 +269,12 @@ def test_a_board_that_looks_alike_when_turned_is_settled_by_agreement(rig, rng):
         )
         cameras.append(replace(seen, shared=turned))
     found = calibrate_rig(board, cameras)
-    assert_same_rig(found, rig, centre_mm=1.0)
+    assert_same_rig(found, centre_mm=1.0)
     assert "looks the same after half a turn" in found.report.warnings[0]
 
 
-def test_the_world_can_be_a_board(rig, poses, rng):
-    cameras = [views_of(camera, BOARD, poses[:12], rng) for camera in rig]
+def test_the_world_can_be_a_board(rng):
+    cameras = [views_of(camera, BOARD, POSES[:12], rng) for camera in RIG]
     frame = cameras[0].shared[0].frame
     found = calibrate_rig(BOARD, cameras, CalibrationSettings(world=f"board:{frame}"))
     seen = found.rig["a"].project(BOARD.points * [1, -1, 1])  # y up the print, z out of it
@@ -294,10 +284,10 @@ def test_the_world_can_be_a_board(rig, poses, rng):
         calibrate_rig(BOARD, cameras, CalibrationSettings(world="board:99"))
 
 
-def test_from_pictures_to_calibration_file(tmp_path, capsys, rig, rng):
+def test_from_pictures_to_calibration_file(tmp_path, capsys, rng):
     """Pictures of a board with noise, through the command line."""
     board = parse_board(CHARUCO)
-    first, second = (camera.without_distortion() for camera in rig.cameras[:2])
+    first, second = (camera.without_distortion() for camera in RIG.cameras[:2])
     arguments = []
     for camera in (first, second):
         (tmp_path / camera.name).mkdir()

@@ -68,14 +68,9 @@ def test_what_is_done_needs_no_look():
     assert intervals_to_review(frames, done=range(10)) == []
 
 
-@pytest.fixture
-def scene(rng):
-    return bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, full=True)
-
-
 @pytest.mark.parametrize("kind", ["field", "depth", "wide", "last"])
-def test_the_terms_cost_is_half_the_sum_of_squared_residuals(scene, kind):
-    bones, flesh, seen = scene
+def test_the_terms_cost_is_half_the_sum_of_squared_residuals(rng, kind):
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, full=True)
     if kind in ("field", "depth"):
         term = ConicFieldTerm(seen, flesh, normalised=kind == "field")
     else:

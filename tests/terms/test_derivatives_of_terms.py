@@ -37,11 +37,6 @@ def seen_by(rng, params, view):
     return ImageKeypoints(CAMERA, HAND.joint_names, pixels, 2.0)
 
 
-@pytest.fixture
-def params(rng):
-    return HAND.clipped(HAND.rest_params() + rng.normal(scale=0.2, size=len(HAND.rest_params())))
-
-
 @pytest.mark.parametrize("normalised", [True, False])
 def test_conic_field(rng, normalised):
     bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
@@ -59,7 +54,9 @@ def test_coverage(rng, antisymmetric, unknown):
 
 
 @pytest.mark.parametrize(("view", "loss"), zip(("space", "image", "image"), LOSSES, strict=False))
-def test_keypoints(rng, params, view, loss):
+def test_keypoints(rng, view, loss):
+    params = HAND.rest_params() + rng.normal(scale=0.2, size=len(HAND.rest_params()))
+    params = HAND.clipped(params)
     term = KeypointTerm(HAND, seen_by(rng, params, view), 0.7, loss)
     bones = HAND.bones(HAND.clipped(params + rng.normal(scale=0.02, size=len(params))))
     check_observation_term(term, bones, HAND.skeleton.bone_names)

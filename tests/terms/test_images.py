@@ -107,11 +107,7 @@ def test_pieces_without_an_edge_tell_nothing_of_how_far_edges_are(edges):
 
 
 OUTLINE_STEP_M = 0.005
-
-
-@pytest.fixture
-def camera():
-    return pinhole("cam", (320, 240), 600)
+CAMERA = pinhole("cam", (320, 240), 600)
 
 
 def balls(*places):
@@ -120,16 +116,16 @@ def balls(*places):
     return bones, flesh
 
 
-def outline(camera, bones, flesh):
-    mesh = ellipsoid_mesh(flesh, 3)
-    return outline_points(mesh, bones, depth_picture(mesh, bones, camera), OUTLINE_STEP_M)
+def outline(bones, flesh, detail=3):
+    mesh = ellipsoid_mesh(flesh, detail)
+    return outline_points(mesh, bones, depth_picture(mesh, bones, CAMERA), OUTLINE_STEP_M)
 
 
-def test_a_balls_outline_is_its_ellipse(camera):
+def test_a_balls_outline_is_its_ellipse():
     bones, flesh = balls((0.03, -0.01, 0.5))
-    found = outline(camera, bones, flesh)
+    found = outline(bones, flesh)
     shape = shape_matrix(flesh.posed(bones).rotation, flesh.radii)
-    middle, spread = ellipse(dual_conic(camera.projection, bones.position, shape))
+    middle, spread = ellipse(dual_conic(CAMERA.projection, bones.position, shape))
     off = found.pixel - middle[0]
     level = np.einsum("ni,ij,nj->n", off, np.linalg.inv(spread[0]), off)
     assert_allclose(level, 1.0, atol=0.02)  # ± 0.25 px of 24
@@ -138,36 +134,35 @@ def test_a_balls_outline_is_its_ellipse(camera):
     assert ((across * found.normal).sum(axis=1) > 0.99).all()
     around = 2 * np.pi * np.sqrt(np.linalg.eigvalsh(spread[0]).mean())
     assert found.length_px.sum() == pytest.approx(around, rel=0.02)
-    assert_allclose(camera.project(bones.to_world(found.bone, found.local)), found.pixel)
+    assert_allclose(CAMERA.project(bones.to_world(found.bone, found.local)), found.pixel)
 
 
-def test_what_is_hidden_has_no_outline_and_what_hides_has(camera):
+def test_what_is_hidden_has_no_outline_and_what_hides_has():
     bones, flesh = balls((0.0, 0.0, 0.4), (0.02, 0.0, 0.5))
-    found = outline(camera, bones, flesh)
+    found = outline(bones, flesh)
     front, back = found.subset(found.bone == 0), found.subset(found.bone == 1)
     # whole, also before the other
     assert front.length_px.sum() == pytest.approx(2 * np.pi * 30.04, rel=0.02)
-    inside = np.linalg.norm(back.pixel - camera.project(bones.position[0]), axis=1) < 29.0
+    inside = np.linalg.norm(back.pixel - CAMERA.project(bones.position[0]), axis=1) < 29.0
     assert len(back.bone) > 20
     assert not inside.any()
 
 
-def test_parts_that_are_one_limb_show_no_edge_between_them(camera):
+def test_parts_that_are_one_limb_show_no_edge_between_them():
     bones, flesh = balls((0.0, 0.0, 0.5), (0.02, 0.0, 0.5))
-    found = outline(camera, bones, flesh)
-    middle = np.abs(found.pixel[:, 0] - camera.project(np.array([0.01, 0.0, 0.5]))[0])
+    found = outline(bones, flesh)
+    middle = np.abs(found.pixel[:, 0] - CAMERA.project(np.array([0.01, 0.0, 0.5]))[0])
     assert (middle > 1.0).all() or np.abs(found.pixel[middle < 1.0, 1] - 119.5).min() > 18.0
     assert 0.6 < found.length_px.sum() / (4 * np.pi * 24) < 0.8  # two thirds of two circles
 
 
-def test_the_outline_of_a_coarse_mesh_is_where_its_normals_turn_away(camera):
+def test_the_outline_of_a_coarse_mesh_is_where_its_normals_turn_away():
     """Between a corner that looks to the camera and one that looks away: on their edge, nearer to whichever is nearer to turning."""
     bones, flesh = balls((0.03, -0.01, 0.5))
-    mesh = ellipsoid_mesh(flesh, 1)
-    found = outline_points(mesh, bones, depth_picture(mesh, bones, camera), OUTLINE_STEP_M)
+    found = outline(bones, flesh, detail=1)
     place = bones.to_world(found.bone, found.local)
     out = place - bones.position[0]
-    across = (out / np.linalg.norm(out, axis=1)[:, None] * (camera.centre - place)).sum(axis=1)
+    across = (out / np.linalg.norm(out, axis=1)[:, None] * (CAMERA.centre - place)).sum(axis=1)
     assert np.abs(across).max() / 0.5 < 0.06
 
 
@@ -187,17 +182,12 @@ def test_the_depth_is_that_of_exact_rays(rng):
     assert (picture.at(np.array(outside))[0] == -1).all()
 
 
-@pytest.fixture
-def known(rng):
-    """Return a grid of points 4 mm apart on two bones that lie in each other, red and blue."""
+def test_only_other_colours_on_known_places_contradict(rng):
+    """Of points 4 mm apart on two bones that lie in each other, red and blue. Of other bones, and of places further off, nothing is known."""
     grid = np.stack(np.meshgrid(*2 * [np.arange(10) * 0.004], [0.0]), axis=-1).reshape(-1, 3)
     bone = np.repeat([0, 1], len(grid))
     color = np.where(bone[:, None] == 0, [30.0, 30.0, 200.0], [200.0, 30.0, 30.0])
-    return Texture(camera_of(rng), bone, np.concatenate([grid, grid]), color)
-
-
-def test_only_other_colours_on_known_places_contradict(rng, known):
-    """Of other bones, and of places further off, nothing is known."""
+    known = Texture(camera_of(rng), bone, np.concatenate([grid, grid]), color)
     color = known.color + rng.normal(scale=5.0, size=known.color.shape)
     slipped = np.arange(len(color)) % 7 == 0
     color[slipped] = 120.0
