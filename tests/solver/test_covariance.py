@@ -16,25 +16,22 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 
+HAND = load_model()
+BENT = HAND.rest_params()
+BENT[6:] = HAND.bounds(BENT)[6:] @ (0.6, 0.4)
+"""a pose away from all limits"""
 
-def seen_joints(model, params, names=None, noise=0.0):
-    names = names or model.joint_names
+
+def seen_joints(model=HAND, params=BENT, names=HAND.joint_names, noise=0.0):
     points = model.joint_positions(model.bones(params))[[model.joint_names.index(n) for n in names]]
     return Problem(model, [KeypointTerm(model, Keypoints(tuple(names), points + noise, 0.002))])
 
 
-@pytest.fixture(scope="module")
-def model():
-    return load_model()
-
-
-@pytest.fixture(scope="module")
-def bent(model):
-    """A pose away from all limits."""
-    bounds = model.bounds(model.rest_params())
-    params = model.rest_params()
-    params[6:] = bounds[6:, 0] + 0.4 * (bounds[6:, 1] - bounds[6:, 0])
-    return params
+def known(model=HAND, params=BENT, **seen):
+    """Return deviations of parameters by name and covariances of joints, of what is seen at a pose."""
+    problem = seen_joints(model, params, **seen)
+    _, std, spread = uncertainty(model, params, problem.linearize(params).hessian)
+    return dict(zip(model.parameter_names, std, strict=True)), spread
 
 
 def test_a_diagonal_matrix_by_hand():
@@ -52,20 +49,19 @@ def test_a_prediction_inherits_what_was_not_known_before():
     assert inherited_information(motion, np.eye(2)) is motion
 
 
-def test_noisy_points_scatter_the_pose_as_it_is_stated(rng, model, bent):
+def test_noisy_points_scatter_the_pose_as_it_is_stated(rng):
     """Many noisy views of one pose: the spread of joint positions is the stated one."""
-    _, stated_std, stated = uncertainty(
-        model, bent, seen_joints(model, bent).linearize(bent).hessian
-    )
+    std, stated = known()
+    stated_std = np.array(list(std.values()))
     settings = SolverSettings(iterations=6, damping=1e-6)
-    noises = rng.normal(scale=0.002, size=(150, len(model.joint_names), 3))
-    views = (seen_joints(model, bent, noise=noise) for noise in noises)
-    found = np.array([solve(view, bent, settings).params for view in views])
+    noises = rng.normal(scale=0.002, size=(150, len(HAND.joint_names), 3))
+    views = (seen_joints(noise=noise) for noise in noises)
+    found = np.array([solve(view, BENT, settings).params for view in views])
     assert np.isfinite(stated_std).all()
     ratio = found.std(axis=0) / stated_std
     assert 0.8 < ratio.min()  # measured 0.88 … 1.11; 150 draws tell a deviation to 6 %
     assert ratio.max() < 1.25
-    tips = np.array([model.joint_positions(model.bones(x)) for x in found])
+    tips = np.array([HAND.joint_positions(HAND.bones(x)) for x in found])
     off = tips - tips.mean(axis=0)
     spread = np.einsum("nji,njk->jik", off, off) / len(off)
     total = np.trace(spread, axis1=1, axis2=2) / np.trace(stated, axis1=1, axis2=2)
@@ -73,29 +69,24 @@ def test_noisy_points_scatter_the_pose_as_it_is_stated(rng, model, bent):
     assert total.max() < 1.3
 
 
-def test_what_is_not_seen_is_stated_as_infinite(model, bent):
+def test_what_is_not_seen_is_stated_as_infinite():
     """Without its own points beyond the knuckle, a finger's bend is anyone's guess."""
-    names = [n for n in model.joint_names if n not in ("index_pip", "index_dip", "index_tip")]
-    problem = seen_joints(model, bent, names=names)
-    _, parameter_std, spread = uncertainty(model, bent, problem.linearize(bent).hessian)
-    std = dict(zip(model.parameter_names, parameter_std, strict=True))
+    names = [n for n in HAND.joint_names if n not in ("index_pip", "index_dip", "index_tip")]
+    std, spread = known(names=names)
     assert {n for n, s in std.items() if np.isinf(s)} == {
         "index_mcp_flex", "index_mcp_abd", "index_pip_flex", "index_dip_flex"
     }  # fmt: skip
     assert np.isfinite(spread).all()
-    tip = model.joint_names.index("index_tip")
-    wrist = model.joint_names.index("wrist")
+    tip, wrist = (HAND.joint_names.index(name) for name in ("index_tip", "wrist"))
     assert np.trace(spread[tip]) > 100 * np.trace(spread[wrist])
 
 
-def test_a_coupling_carries_what_is_known_to_the_follower(bent, model):
+def test_a_coupling_carries_what_is_known_to_the_follower():
     """With the distal joint coupled, the middle joint's point tells both."""
     coupled = load_model(coupling="21")
-    params = coupled.transform.solver_params(model.joint_params(bent))
+    params = coupled.transform.solver_params(HAND.joint_params(BENT))
     names = [n for n in coupled.joint_names if not n.endswith("_tip")]
-    problem = seen_joints(coupled, params, names=names)
-    _, parameter_std, _ = uncertainty(coupled, params, problem.linearize(params).hessian)
-    std = dict(zip(coupled.parameter_names, parameter_std, strict=True))
+    std, _ = known(coupled, params, names=names)
     assert std["index_dip_flex"] == pytest.approx(2 / 3 * std["index_pip_flex"])
     assert np.isfinite(list(std.values())).all()
 
