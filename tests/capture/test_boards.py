@@ -159,11 +159,6 @@ def board_poses(board: Board, count: int, rng):
     return poses
 
 
-def seen_pixels(camera: Camera, board: Board, pose) -> np.ndarray:
-    """Return where the camera sees the board's corners (N, 2), exactly."""
-    return camera.project(board.points @ pose[:3, :3].T + pose[:3, 3])
-
-
 def photograph(camera: Camera, board: CharucoBoard, pose, rng) -> np.ndarray:
     """Return the image (H, W) uint8 of a board at T_world_board by a camera without distortion."""
     page, pixel = draw_board(board, PER_MM), 1e-3 / PER_MM
@@ -191,7 +186,7 @@ def views_of(camera, board, poses, rng, frames=None):
     """Return what a camera would find: corners with noise, where the whole board is in the image."""
     found = []
     for frame, pose in enumerate(poses):
-        pixels = seen_pixels(camera, board, pose)
+        pixels = camera.project(board.points @ pose[:3, :3].T + pose[:3, 3])
         known = np.isfinite(pixels).all() and (pixels > 3).all()
         inside = known and (pixels < np.array(camera.size) - 4).all()
         if inside and (frames is None or frame in frames):

@@ -1,6 +1,6 @@
 """Damaged and hostile files of every form."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -48,19 +48,6 @@ def damaged(data: bytes, rng: np.random.Generator) -> bytes:
     return data
 
 
-def survives(paths: Sequence[Path], read: Callable[[], object]) -> None:
-    rng = np.random.default_rng(7)
-    files = [file for path in paths for file in (path, *sorted(path.rglob("*"))) if file.is_file()]
-    for _ in range(_TIMES):
-        file = files[rng.integers(len(files))]
-        whole = file.read_bytes()
-        file.write_bytes(damaged(whole, rng))
-        with suppress(HandtrackError):
-            read()
-        file.write_bytes(whole)
-    read()
-
-
 def settled(paths: list[Path]) -> CameraRig:
     given = sized(
         named(read_calibration(paths), ["cam0", "cam1"], "it")[0], {"cam0": (640, 480)}, "it"
@@ -83,7 +70,16 @@ WHOLE = [
 @pytest.mark.parametrize("form", WHOLE)
 def test_a_damaged_file_is_refused_or_read(form, tmp_path):
     paths = sample(form, tmp_path)
-    survives(paths, lambda: READ[form.split("/")[0]](paths))
+    read, rng = READ[form.split("/")[0]], np.random.default_rng(7)
+    files = [file for path in paths for file in (path, *sorted(path.rglob("*"))) if file.is_file()]
+    for _ in range(_TIMES):
+        file = files[rng.integers(len(files))]
+        whole = file.read_bytes()
+        file.write_bytes(damaged(whole, rng))
+        with suppress(HandtrackError):
+            read(paths)
+        file.write_bytes(whole)
+    read(paths)
 
 
 MADE = {

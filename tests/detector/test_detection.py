@@ -151,10 +151,6 @@ def seen(name: str, place: np.ndarray, right: float = 0.99, noise: float = 1.0) 
     )
 
 
-def chosen(hands: dict[str, list[HandObservation]]) -> dict[str, int]:
-    return {n: hands[n].index(one) for n, one in our_hands(hands).items()}
-
-
 def test_one_hand_lies_on_its_epipolar_lines_another_does_not():
     a, b = seen("a", RIGHT_PLACE, noise=0.0), seen("b", RIGHT_PLACE, noise=0.0)
     assert epipolar_miss(a, b) == pytest.approx(0.0, abs=1e-4)
@@ -167,4 +163,5 @@ def test_of_two_hands_the_one_of_our_side_is_ours_in_every_view():
         "a": [seen("a", RIGHT_PLACE), seen("a", LEFT_PLACE, right=0.02)],
         "b": [seen("b", LEFT_PLACE, right=0.02), seen("b", RIGHT_PLACE)],
     }
-    assert chosen(hands) == {"a": 0, "b": 1}
+    ours = our_hands(hands)
+    assert ours["a"] is hands["a"][0] and ours["b"] is hands["b"][1]

@@ -87,13 +87,6 @@ def test_the_left_hand_is_the_exact_mirror_image(rng):
         assert_allclose(shape * np.outer(flip, flip), mirror, atol=1e-14)
 
 
-def test_scale_per_hand_and_per_finger():
-    models = load_model(scale=HandScale(1.1, {"thumb": 1.2})), HAND
-    big, plain = (dict(zip(m.joint_names, m.joint_positions(m.bones(np.zeros(26))), strict=True)) for m in models)  # fmt: skip
-    for start, end, factor in (("index_mcp", "index_tip", 1.1), ("thumb_cmc", "thumb_tip", 1.32)):
-        assert_allclose(big[end] - big[start], factor * (plain[end] - plain[start]))
-
-
 def test_spread_shrinks_as_the_knuckle_bends():
     abd, bent = HAND.skeleton.parameter("index_mcp_abd"), np.zeros(26)
     straight = np.ptp(HAND.limits.bounds(bent)[abd])
@@ -222,11 +215,10 @@ def test_a_definition_extends_another(tmp_path):
     assert (rest[1][others] == rest[0][others]).all()
 
 
-@pytest.mark.parametrize(("coupling", "count"), [("26", 26), ("21", 21), ("18", 18)])
-def test_reduced_sets(coupling, count, rng):
+@pytest.mark.parametrize("coupling", ["26", "21", "18"])
+def test_reduced_sets(coupling, rng):
     model = load_model(coupling=coupling)
-    assert len(model.transform.names) == count
-    params = rng.normal(size=count)
+    params = rng.normal(size=int(coupling))
     joint = model.joint_params(params)
     assert_allclose(model.transform.solver_params(joint), params, atol=1e-12)
     value = dict(zip(model.parameter_names, joint, strict=True))

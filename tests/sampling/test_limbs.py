@@ -34,10 +34,6 @@ def _distant(metres):
     return pinhole("far", (1280, 960), 275.0 * metres, FACING, (0, 0, metres))
 
 
-def _bent(rng):
-    return BODY.clipped(BODY.rest_params() + np.r_[np.zeros(6), 0.4 * rng.normal(size=28)])
-
-
 def _pixels(params, joints):
     index = [BODY.joint_names.index(name) for name in joints]
     return FRONT.project(BODY.joint_positions(BODY.bones(params)))[index]
@@ -113,7 +109,8 @@ def test_a_stretched_limb_keeps_its_twist_or_has_one_drawn(rng):
 
 def test_without_limits_the_tree_is_complete_and_limits_leave_what_they_allow(rng):
     camera = _distant(400.0)  # nearer by, some flipped thighs leave the knees out of reach
-    free, params = load_model("body34"), _bent(rng)
+    free = load_model("body34")
+    params = BODY.clipped(BODY.rest_params() + np.r_[np.zeros(6), 0.4 * rng.normal(size=28)])
     free.limits.interval[6:] = (-np.pi, np.pi)
     everything, kept = (
         interpretation_tree(
@@ -159,21 +156,16 @@ def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
     assert within_limits(model.limits, near.params).all()
 
 
-def _along(**direction):
-    """Return (P,) a unit direction among parameters in units of their ranges, and those ranges (inf where there is none)."""
-    low, high = BODY.bounds(BODY.rest_params()).T
-    unit = np.zeros(len(low))
-    for name, share in direction.items():
-        unit[BODY.transform.names.index(name)] = share
-    return unit / np.linalg.norm(unit), np.where(np.isfinite(high - low), high - low, 1.0)
-
-
 def _votes(*bells):
-    """Return votes by chain for a covariance of bells along unit directions: (variance, direction by name) each."""
-    whole = np.zeros((len(BODY.transform.names),) * 2)
+    """Return votes by chain for a covariance of bells: (variance, direction by name, in units of parameters' ranges) each."""
+    ranges = np.ptp(BODY.bounds(BODY.rest_params()), axis=1)
+    whole = np.zeros((len(ranges), len(ranges)))
     for variance, direction in bells:
-        unit, width = _along(**direction)
-        whole += variance * np.outer(unit * width, unit * width)
+        way = np.zeros(len(ranges))
+        for name, share in direction.items():
+            way[BODY.transform.names.index(name)] = share
+        way *= np.where(np.isfinite(ranges), ranges, 1.0) / np.linalg.norm(way)
+        whole += variance * np.outer(way, way)
     chains = chains_of(BODY)
     votes = chain_votes(BODY, BODY.rest_params(), whole, chains)
     return {chain.name: vote for chain, vote in zip(chains, votes, strict=True)}

@@ -47,13 +47,9 @@ def test_a_session_opens_and_its_truth_is_the_motion(tmp_path, side, lens):
 MODEL = load_model()
 
 
-def moved(name, frames=61, seed=0, **more):
-    return motion(MODEL, name, frames, np.random.default_rng(seed), **more)
-
-
 @pytest.mark.parametrize("name", MOTIONS["hand"])
 def test_it_passes_through_its_poses_within_limits(name):
-    joint = moved(name)
+    joint = motion(MODEL, name, 61, np.random.default_rng(0))
     assert joint.shape == (61, 26)
     poses = MOTIONS["hand"][name]
     for pose, frame in zip(poses, np.linspace(0, 60, len(poses)), strict=True):

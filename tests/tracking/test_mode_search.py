@@ -29,10 +29,6 @@ NOTHING = Observation(0, 0.0)
 CHANGE = np.diag(np.full(7, 0.1**2))
 
 
-def _minimum(place, cost, sure=1e4):
-    return _at(np.full(7, place), cost, sure * np.eye(7))
-
-
 def _at(pose, cost, sure):
     return Minimum(pose, lambda there: JointSystem(cost, np.zeros(len(there)), sure), "tried")
 
@@ -41,7 +37,7 @@ def _at(pose, cost, sure):
 def test_probabilities_are_those_of_all_ways_together(rng, share):
     counts = (2, 3, 1, 2)
     rows = [
-        [_minimum(0.1 * rng.normal(), 2.0 * rng.uniform(), 10 ** rng.uniform(1, 4)) for _ in range(n)]
+        [_at(np.full(7, 0.1 * rng.normal()), 2.0 * rng.uniform(), 10 ** rng.uniform(1, 4) * np.eye(7)) for _ in range(n)]
         for n in counts
     ]  # fmt: skip
     trellis = Trellis(rows, CHANGE, share)

@@ -11,6 +11,7 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.pulling import pulled
 from handtrack.tracking.sequence import refine_recording, track_frames
+from tests.tracking.scenes import bent
 
 HAND = load_model("hand26")
 CAMERAS = [camera.without_distortion() for camera in simulated_rig(2, (320, 240)).cameras]
@@ -64,40 +65,27 @@ def test_masks_hold_the_rest_against_a_pin_and_give_way_at_the_joint():
 FRAMES = 17
 
 
-def _unseen_finger():
-    """Return what is seen of a hand whose index finger nobody sees, as tracked, and where it really is: bent."""
-    straight = HAND.rest_params()
-    names = HAND.transform.names
-    bent = straight.copy()
-    for part, angle in (("mcp", 0.8), ("pip", 0.9), ("dip", 0.4)):
-        bent[names.index(f"index_{part}_flex")] = angle
-    named = [n for n, name in enumerate(HAND.joint_names) if not name.startswith("index")]
-    points = _joints(bent)[named]
-    given = Keypoints(tuple(HAND.joint_names[n] for n in named), points, 0.002)
-
-    def observe(frame, bones=None, pinned=()):
-        pins = _pins(_joints(bent)[TIP]) if frame in pinned else ()
-        return Observation(frame, frame / 30, keypoints=(given,), pins=pins)
-
-    live = list(track_frames(Tracker(HAND), observe, 0, straight, range(FRAMES)))
-    return observe, live, bent
-
-
 def test_pins_of_one_frame_set_its_neighbours_right_and_it_is_still_refined():
-    observe, live, bent = _unseen_finger()
-    at, tracker = FRAMES // 2, Tracker(HAND)
-    true = _joints(bent)[TIP]
-    before = [np.linalg.norm(r.joint_positions[TIP] - true) for r in live]
+    """Nobody sees the index finger, which is bent and taken for straight; in one frame its tip is pinned."""
+    at, tracker, straight = FRAMES // 2, Tracker(HAND), HAND.rest_params()
+    points = _joints(bent(HAND, straight, "index", 45))
+    named = [n for n, name in enumerate(HAND.joint_names) if not name.startswith("index")]
+    given = Keypoints(tuple(HAND.joint_names[n] for n in named), points[named], 0.002)
+
+    def seen(frame, _bones=None):
+        return Observation(frame, frame / 30, keypoints=(given,))
+
+    def pinned(frame, _bones=None):
+        return replace(seen(frame), pins=_pins(points[TIP]) if frame == at else ())
+
+    live = list(track_frames(tracker, seen, 0, straight, range(FRAMES)))
+    before = [np.linalg.norm(r.joint_positions[TIP] - points[TIP]) for r in live]
     assert min(before) > 0.02
-
-    def pinned(frame, bones=None):
-        return observe(frame, bones, pinned=(at,))
-
     pose = pulled(
         HAND, SETTINGS, pinned(at), HAND.transform.solver_params(live[at].parameters), False
     )
     found = refine_recording(tracker, pinned, live, pinned={at: pose})
-    off = {r.frame: np.linalg.norm(r.joint_positions[TIP] - true) for r in found}
+    off = {r.frame: np.linalg.norm(r.joint_positions[TIP] - points[TIP]) for r in found}
     assert at in off, "no keyframe: its pins are what counts"
     assert off[at] < 0.002
     assert max(off[at - 2], off[at + 2]) < 0.5 * min(before)

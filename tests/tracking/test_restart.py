@@ -35,11 +35,6 @@ def first_of(seen):
     return Tracker(MODEL, PLAIN).step(TrackerState.beginning_at(STOOD), seen)[1]
 
 
-def followed(settings, known, seen):
-    """Return the result of the frame after a known one."""
-    return Tracker(MODEL, settings).step(TrackerState.resumed([known]), seen)[1]
-
-
 @pytest.fixture(scope="module")
 def known():
     """The result of a frame that was tracked."""
@@ -60,7 +55,8 @@ def test_a_hand_that_moved_on_unseen_is_found_again(rng, by):
 
     first = first_of(observation_of(STOOD, 0))
     seen = observation_of(truth, 1)
-    plain, jumps = (followed(s, first, seen) for s in (PLAIN, JUMPS))
+    after = TrackerState.resumed([first])
+    plain, jumps = (Tracker(MODEL, s).step(after, seen)[1] for s in (PLAIN, JUMPS))
     assert plain.status == Status.LOST
     assert jumps.status == Status.TRACKED
     assert off_mm(jumps, MODEL, truth).mean() < 2.0
@@ -101,13 +97,6 @@ def test_a_hand_whose_joints_two_cameras_see_there_is_not_lost_nor_looked_for(kn
         assert (lost_hand.LOST_HAND.situation in searched) == (status == Status.LOST)
 
 
-def tried(said):
-    """Return which frames of a row are looked at again, after one that is tracked. t: tracked, d: in doubt, u: nothing seen."""
-    kinds = {"t": (True, 1.0), "d": (False, 1.0), "u": (False, np.nan)}
-    frames = [SimpleNamespace(fits=kinds[k][0], energy=kinds[k][1], clutters=False, note="") for k in "t" + said]  # fmt: skip
-    return [n for n in range(1, len(frames)) if why_hand_may_be_lost(frames[n], frames[:n])]
-
-
 @pytest.mark.parametrize(
     ("said", "expected"),
     [
@@ -120,4 +109,8 @@ def tried(said):
     ],
 )
 def test_a_row_of_doubts_is_tried_ever_more_rarely(said, expected):
-    assert tried(said) == expected
+    """Of a row of frames after one that is tracked. t: tracked, d: in doubt, u: nothing seen."""
+    kinds = {"t": (True, 1.0), "d": (False, 1.0), "u": (False, np.nan)}
+    frames = [SimpleNamespace(fits=kinds[k][0], energy=kinds[k][1], clutters=False, note="") for k in "t" + said]  # fmt: skip
+    due = [n for n in range(1, len(frames)) if why_hand_may_be_lost(frames[n], frames[:n])]
+    assert due == expected

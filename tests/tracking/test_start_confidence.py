@@ -156,13 +156,10 @@ def test_the_right_turn_and_place_score_best_in_silhouettes():
     assert (found[~sure] > 0.2).all(), "what is given up is worse than enough"
 
 
-def nearest(points, to):
-    return np.linalg.norm(points - to[:, None], axis=2).min(axis=1)
-
-
 def test_the_hull_holds_the_hand_and_lies_in_every_mask():
     centres, inside = visual_hull(SEEN)
-    assert nearest(centres, JOINTS).max() < 0.01, "every joint is in it"
+    nearest = np.linalg.norm(centres - JOINTS[:, None], axis=2).min(axis=1)
+    assert nearest.max() < 0.01, "every joint is in it"
     for silhouette in SEEN:
         row, column = np.nonzero(silhouette.mask)
         mask = np.stack([column, row], axis=1).astype(float)
