@@ -52,10 +52,6 @@ def filmed(
     return path
 
 
-def short_video(path: Path, code: str = "mp4v") -> Path:
-    return filmed(path, (np.full((48, 64, 3), 40 * n, np.uint8) for n in range(5)), code)
-
-
 def rig_of_two() -> CameraRig:
     """Return two cameras half a metre from a hand, the first at the origin, as a stereo calibration has them."""
     first = Camera(

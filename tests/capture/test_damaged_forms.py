@@ -16,7 +16,7 @@ from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.session.formats.imported_truth import import_truth
-from tests.capture.sample_files import forms, sample, short_video
+from tests.capture.sample_files import filmed, forms, sample
 
 _TIMES = 12
 _PIECES = [
@@ -103,9 +103,13 @@ PLAYLISTS = {
 }
 
 
+def write_video(path: Path, code: str = "mp4v") -> Path:
+    return filmed(path, (np.full((48, 64, 3), 40 * n, np.uint8) for n in range(5)), code)
+
+
 @pytest.mark.parametrize("name", MADE)
 def test_containers_that_people_have_are_opened_also_by_our_programs(name, tmp_path, monkeypatch):
-    path = short_video(tmp_path / name, MADE[name])
+    path = write_video(tmp_path / name, MADE[name])
     if not path.exists() or not cv2.VideoCapture(str(path)).isOpened():
         pytest.skip("this OpenCV writes no such file")
     VideoFile(path).read(3)
@@ -116,8 +120,8 @@ def test_containers_that_people_have_are_opened_also_by_our_programs(name, tmp_p
 @pytest.mark.parametrize("name", PLAYLISTS)
 def test_nothing_that_names_other_files_is_opened(name, tmp_path, monkeypatch):
     (tmp_path / "session").mkdir()
-    short_video(tmp_path / "session/a.mp4")
-    playlist, other = tmp_path / "session" / name, short_video(tmp_path / "secret.mp4")
+    write_video(tmp_path / "session/a.mp4")
+    playlist, other = tmp_path / "session" / name, write_video(tmp_path / "secret.mp4")
     playlist.write_text(PLAYLISTS[name].replace("{other}", str(other)))
     monkeypatch.setattr(cv2, "VideoCapture", None)  # OpenCV does not get to see it
     with pytest.raises(HandtrackError, match=name):
@@ -127,7 +131,7 @@ def test_nothing_that_names_other_files_is_opened(name, tmp_path, monkeypatch):
 def test_opening_ends_in_time(tmp_path, monkeypatch):
     """FFmpeg looks for a beginning in 8 TB of zeros."""
     monkeypatch.setattr(video_module, "_OPEN_MS", 200)
-    path = short_video(tmp_path / "a.mkv")
+    path = write_video(tmp_path / "a.mkv")
     path.write_bytes(path.read_bytes()[:40])
     with path.open("r+b") as file:
         file.truncate(8 << 40)
