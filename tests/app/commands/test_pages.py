@@ -3,11 +3,13 @@
 import os
 import shlex
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from handtrack import Session, read_npz
+from handtrack.model.model_file import read_scale
 from handtrack.session import bundled
 from handtrack.simulation.simulate import Simulation, simulate
 from tests.app.commands.test_new_joints import project
@@ -64,6 +66,8 @@ def test_a_person_is_tracked_by_the_page_s_commands(handtrack, tmp_path, monkeyp
     for _, *words in lines("start/person.md"):
         handtrack.does(*words)
     assert Session.open("walk").file.hand.model == "body34"
+    handtrack.does("size", "walk", "--init", "auto")
+    assert read_scale(Path("walk/body.json")).overall == pytest.approx(1.0, abs=0.1)
     track = read_npz("walk/tracks/poses.npz")
     assert len(track) == FRAMES
     there, known = track.joint_names, names()

@@ -8,7 +8,6 @@ import signal
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from handtrack import load_model, read_npz
@@ -17,7 +16,6 @@ from handtrack.model.size import hand_length_mm
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.commands import track as track_command
 from tests.app.command_line import QUICK, refused
-from tests.session.body_session import film
 from tests.session.small_session import edit
 
 LARGER = 1.06
@@ -125,15 +123,3 @@ def test_an_interrupted_size_fit_keeps_what_was_tracked_and_one_that_comes_later
     track = read_npz(larger / "tracks/poses.npz")
     assert track.frame.tolist() == [0, 1]
     assert json.loads(track.scale)["overall"] == pytest.approx(LARGER, rel=0.015)
-
-
-def test_a_persons_size_is_saved(handtrack, tmp_path):
-    person = film(tmp_path / "session", frames=8)
-    ended = handtrack.does("size", person, "--init", "auto", "--count", "6")
-    saved = person / "body.json"
-    assert re.search(r"\+\d\.\d ± \d\.\d %, trunk", ended.out)
-    assert f"Saved to {saved}" in ended.out
-    scale = read_scale(saved)
-    assert scale.overall * np.mean(list(scale.parts.values())) == pytest.approx(1.05, abs=0.04)
-    again = handtrack("size", person, "--init", "auto")
-    assert again.code == 2
