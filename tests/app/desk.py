@@ -56,9 +56,6 @@ class Listener:
     def refused(self) -> snapshots.Notice:
         return self.wait(snapshots.Notice, lambda n: n.level == "error")
 
-    def state(self, state: str) -> snapshots.ProgressSnapshot:
-        return self.wait(snapshots.ProgressSnapshot, lambda p: p.state == state)
-
 
 class EngineInThreads(Worker):
     """The engine on threads of this process, with the face of EngineProcess: quickly started, and its document can be looked at."""

@@ -1,14 +1,9 @@
 """A session's store as the workbench opens it, on a fake run; and what is done in it."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from handtrack import FrameResult
-from handtrack.session.session_state import Edit, decide
-from handtrack.store.current_track import TakeFrames
-from handtrack.store.spans import Span
-from handtrack_app.engine.document import Document
+from handtrack.session.session_state import Edit
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import fake_document
@@ -42,17 +37,3 @@ def tracked(store: Persistence, frames: range | None = None, first: int = 3) -> 
         store.add(result)
     store.end_take(finished=True)
     return store
-
-
-def show_results(document: Document, results: Iterable[FrameResult]) -> None:
-    """Let a document have tracked frames that are nowhere on disk."""
-    take = TakeFrames(document.model.parameter_names, {r.frame: r for r in results})
-    number = document.takes.next_number
-    document.takes.put(number, take)
-    laid = Span(number, min(take), max(take) + 1)
-    document.apply(decide(spans=(*document.state.spans, laid)))
-
-
-def spans(store: Persistence) -> tuple[Span, ...]:
-    """Return what the current track is composed of, on disk."""
-    return store.store.current()

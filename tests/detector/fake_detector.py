@@ -25,15 +25,18 @@ class FakeDetector:
         self.hands: Sequence[DetectedHand] = ()
         self.searches = 0
 
+    def seen(self, _image: Array[H, W, D3]) -> Sequence[DetectedHand]:
+        return self.hands
+
     def find(self, image: Array[H, W, D3], most: int) -> list[Region]:
         self.searches += 1
-        return [region_of_hand(hand.points) for hand in self.hands][:most]
+        return [region_of_hand(hand.points) for hand in self.seen(image)][:most]
 
     def hand(self, image: Array[H, W, D3], region: Region) -> DetectedHand | None:
         def away(hand: DetectedHand) -> float:
             return float(np.linalg.norm(hand.region.centre - region.centre))
 
-        near = [hand for hand in self.hands if away(hand) < _REACH * region.side]
+        near = [hand for hand in self.seen(image) if away(hand) < _REACH * region.side]
         return min(near, key=away, default=None)
 
 

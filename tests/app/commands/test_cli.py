@@ -1,6 +1,5 @@
 """The commands of `handtrack`, run as a user would; `--json` and `--landmarks`."""
 
-import csv
 import json
 import os
 import shutil
@@ -11,15 +10,12 @@ from pathlib import Path
 import pytest
 
 from handtrack import bundled_session, read_npz, write_npz
-from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.export.registry import export_format
 from handtrack.model.model_file import scale_table
 from handtrack.session.bundled import demo_session
 from handtrack_app.commands import track as track_command
-from tests.app.command_line import CommandLine, small_recording
 from tests.conftest import REPOSITORY
 from tests.export.sequences import sample_sequence
-from tests.sample_track import hand_track
 from tests.session.small_session import edit
 
 
@@ -80,7 +76,7 @@ def test_track_evaluate_export(handtrack, done):
 
     asked = ("evaluate", poses, "--json", "--truth")
     metrics = json.loads(handtrack(*asked, done / "truth.npz").out)
-    assert {f"flexion_{joint}_deg" for joint in BENT_JOINTS} < set(metrics)
+    assert "flexion_index_mcp_deg" in metrics
     assert metrics["points_used"] == 5 * 21
     assert metrics["mpjpe_mm"] < 5
     assert metrics["lost_frames"] == 0
@@ -88,10 +84,8 @@ def test_track_evaluate_export(handtrack, done):
     for kind in ("csv", "npz", "keypoints"):
         handtrack.does("export", poses, "--to", kind)
         assert poses.with_name(f"poses{export_format(kind).ending}").exists()
-    with (poses.parent / "poses.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [row["frame"] for row in rows] == list("01234")
-    assert {"index_mcp_flex_deg", "root_tx_m", "index_tip_x_m"} <= set(rows[0])
+    columns = (poses.parent / "poses.csv").read_text().splitlines()[0].split(",")
+    assert {"index_mcp_flex_deg", "root_tx_m", "index_tip_x_m"} <= set(columns)
     as_truth = handtrack(*asked, poses.parent / "poses_keypoints.npz")
     assert json.loads(as_truth.out)["max_mm"] == 0
 
@@ -154,12 +148,9 @@ def test_a_disk_that_fills_up_does_not_cost_the_result(handtrack, session, monke
 SLURM = REPOSITORY / "docs" / "cluster" / "slurm_array.sh"
 
 
-def test_what_is_printed_is_one_object(tmp_path, capsys):
-    handtrack = CommandLine(capsys)
-    write_npz(tmp_path / "poses.npz", hand_track())
-    small_recording(tmp_path / "take")
+def test_what_is_printed_is_one_object(handtrack, session, tmp_path):
     for words, key in (
-        (["doctor", tmp_path / "take"], "findings"),
+        (["doctor", session], "findings"),
         (["board", "--board", "chessboard:9x6:25mm", "--out", tmp_path / "b.svg"], "page_mm"),
         (["simulate", "--out", tmp_path / "s", "--frames", 1, "--cameras", 1, "--size", 64, 48], "session"),
     ):  # fmt: skip

@@ -27,15 +27,7 @@ class Scene(FakeDetector):
         self.places = {"right": MINE}
         self.weights = type("Known", (), {"is_known": True})
 
-    def find(self, image, most):
-        self.hands = self._hands(image)
-        return super().find(image, most)
-
-    def hand(self, image, region):
-        self.hands = self._hands(image)
-        return super().hand(image, region)
-
-    def _hands(self, image):
+    def seen(self, image):
         frame, number = divmod(int(image[0, 0, 0]), STEP)
         if frame == FRAMES - 1:
             return []
@@ -89,7 +81,7 @@ def test_masks_by_the_joints_are_told_of_and_written_where_that_is_said(
     edit(folder / "session.toml", 'masks = "masks/cam1/*.png"', skin)
     named = [camera.masks for camera in Session.open(folder).file.cameras]
     with monkeypatch.context() as blind:
-        blind.setattr(Scene, "_hands", lambda *_: [])
+        blind.setattr(Scene, "seen", lambda *_: [])
         assert "Masks" not in handtrack("detect", folder, "--write", "--masks").out
     handtrack("detect", folder, "--write")
     assert [camera.masks for camera in Session.open(folder).file.cameras] == named

@@ -75,8 +75,6 @@ def test_a_person_is_tracked_by_the_page_s_commands(handtrack, tmp_path, monkeyp
     found = track.joint_positions[:, [there.index(n) for n in shared]]
     true = places()[:FRAMES, [known.index(n) for n in shared]]
     assert np.linalg.norm(found - true, axis=2).mean() < 0.05
-    for kind in ("csv", "bvh"):
-        handtrack.does("export", "walk/tracks/poses.npz", "--to", kind)
 
 
 def test_a_realsense_recording_becomes_a_session(handtrack, tmp_path, monkeypatch):

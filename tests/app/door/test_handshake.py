@@ -48,7 +48,7 @@ def asked(door, path=None, **headers):
 
 
 def socket_of(door, token=True, host="127.0.0.1", **options):
-    port = door.server.get_port()
+    port = door.port
     url = f"ws://{host}:{port}/" + (f"?token={door.token}" if token else "")
     return connect(url, subprotocols=VISER, max_size=None, **options)
 
@@ -62,7 +62,7 @@ def refused_status(door, **options):
 def test_the_page_is_served_on_loopback_alone(door):
     assert door.server.get_host() == "127.0.0.1"
     assert asked(door).status == 200
-    address = f"localhost:{door.server.get_port()}"
+    address = f"localhost:{door.port}"
     assert asked(door, Host=address, Origin=f"http://{address}").status == 200
 
 
@@ -88,12 +88,12 @@ def test_a17_c47_without_the_token_no_page_is_served(door, path):
 
 def test_a17_c47_without_the_token_no_socket_is_opened(door):
     assert refused_status(door, token=False) == 403
-    wrong = {"Cookie": f"handtrack_{door.server.get_port()}=wrong"}
+    wrong = {"Cookie": f"handtrack_{door.port}=wrong"}
     assert refused_status(door, token=False, additional_headers=wrong) == 403
 
 
 def test_a17_the_page_gets_a_cookie_which_lets_its_socket_in(door):
-    port = door.server.get_port()
+    port = door.port
     answer = asked(door, f"/?token={door.token}&fixedDpr=1")
     assert (answer.status, answer.headers["Location"]) == (303, "/?fixedDpr=1")
     cookie = answer.headers["Set-Cookie"]
@@ -157,12 +157,12 @@ def test_a10_c46_on_an_open_host_a_foreign_name_is_refused(open_host, origin):
     """Also where Origin and Host agree: the site's own name points here."""
     headers = {"Host": "evil.example"} | ({"Origin": origin} if origin else {})
     assert asked(open_host, **headers).status == 403
-    with socket.create_connection(("127.0.0.1", open_host.server.get_port())) as wire:
+    with socket.create_connection(("127.0.0.1", open_host.port)) as wire:
         assert refused_status(open_host, host="evil.example", sock=wire, origin=origin) == 403
 
 
 def test_a10_on_an_open_host_this_machine_is_known(open_host):
-    port = open_host.server.get_port()
+    port = open_host.port
     for name in ("127.0.0.1", "localhost", "0.0.0.0", socket.gethostname()):
         assert asked(open_host, Host=f"{name}:{port}").status == 200
     assert asked(open_host, Host=f"192.0.2.7:{port}").status == 403
@@ -181,7 +181,7 @@ def test_c46_a_page_of_another_site_cannot_connect(door):
 
 
 def test_a_header_that_stands_twice_is_refused(door):
-    port = door.server.get_port()
+    port = door.port
     with socket.create_connection(("127.0.0.1", port)) as wire:
         hosts = f"Host: 127.0.0.1:{port}\r\n" * 2
         wire.sendall(f"GET /?token={door.token} HTTP/1.1\r\n{hosts}\r\n".encode())
@@ -217,7 +217,7 @@ def test_a11_the_number_of_clients_is_bounded(monkeypatch, allowed, most, status
 
 
 def test_a11_half_open_connections_keep_nobody_out(door):
-    port = door.server.get_port()
+    port = door.port
     idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(150)]
     assert asked(door).status == 200
     gone = [wire for wire in idle if closed(wire)]
@@ -237,7 +237,7 @@ def closed(wire):
 
 
 def test_a_client_of_another_version_is_told_so_and_the_terminal_is_not(door, capfd):
-    port = door.server.get_port()
+    port = door.port
     url = f"ws://127.0.0.1:{port}/?token={door.token}"
     with connect(url, subprotocols=["viser-v0.9"]) as old, pytest.raises(ConnectionClosed) as end:
         old.recv(timeout=60)

@@ -279,7 +279,7 @@ def test_what_the_page_said_outlives_what_the_program_writes(small):
 
 
 def test_a_node_of_one_page_alone_is_moved_by_that_page(small):
-    with WireClient(small.door.url) as one, WireClient(small.door.url) as other:
+    with WireClient(small.url), WireClient(small.url):
         eventually(lambda: len(small.door.server.get_clients()) == 2, "both are there")
         first, second = sorted(small.door.server.get_clients())
         own = small.door.server.get_clients()[first]
@@ -288,8 +288,6 @@ def test_a_node_of_one_page_alone_is_moved_by_that_page(small):
         assert gate.check(drag, first)[0] == ("drag", "/screen")
         with pytest.raises(Rejected):
             gate.check(drag, second)
-        assert one
-        assert other
 
 
 FEWER = {

@@ -75,7 +75,7 @@ def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
     for count in range(1, 4):
         studio.show()
         eventually(lambda count=count: feed.counts["cam0"]["used"] >= count, "the images are used")
-    eventually(lambda: len(studio.worker.document.results) >= 3, "they are tracked", 60.0)
+    eventually(lambda: len(studio.worker.document.results) >= 3, "they are tracked")
     studio.worker.engine.cancel()
     ended = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking ended")
     assert "cam0: " in ended.text

@@ -16,7 +16,7 @@ from handtrack_app.engine.store.persistence import export_beside
 from handtrack_app.protocol import snapshots
 from tests.app.desk import working
 from tests.app.fake_run import FRAMES, fake_document
-from tests.app.opened import did, opened, posed, spans, tracked
+from tests.app.opened import did, opened, posed, tracked
 
 pytestmark = pytest.mark.usefixtures("left_open")
 
@@ -44,14 +44,14 @@ def test_tracking_again_overwrites_nothing(tmp_path):
         now.document.show(8)
         before = pose_before(now.document, now.history)
         assert_allclose(before, good, atol=1e-9, err_msg="of two trackings the one below")
-    assert spans(again) == (Span(1, 0, 6), Span(2, 6, FRAMES))
+    assert again.store.current() == (Span(1, 0, 6), Span(2, 6, FRAMES))
     assert 6 not in again.document.by_hand, "it does not come back over what was tracked"
     action = again.undo()
     assert action is not None and action.words == f"Tracking of frames 6 to {FRAMES - 1}"
     assert_array_equal(again.document.results[8].parameters, good)
     assert 6 in again.document.by_hand, "as set by hand before"
     again.redo()
-    assert spans(again) == (Span(1, 0, 6), Span(2, 6, FRAMES))
+    assert again.store.current() == (Span(1, 0, 6), Span(2, 6, FRAMES))
 
 
 def test_a5b_a_keyframe_keeps_its_value_when_limits_are_narrowed_later(tmp_path):

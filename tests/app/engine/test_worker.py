@@ -63,7 +63,7 @@ def test_a14_pause_holds_with_every_frame_on_disk_and_goes_on(tmp_path):
         worker.engine.track(0, FRAMES, 3)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
         worker.engine.pause(True)
-        listener.state("paused")
+        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "paused")
         eventually(lambda: store.frames_of(1) == (3, 4), "what is shown is on disk")
         held.set()
         time.sleep(0.3)
