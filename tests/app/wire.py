@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-import viser.transforms as vtf
 
+from handtrack.geometry.rotation import looking_along, quaternion_wxyz
 from handtrack_app.page.scene.looking import Through
 from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
@@ -54,11 +54,8 @@ class Browser:
 
     def tell(self, position: np.ndarray, look_at: np.ndarray, width: int = 800) -> None:
         """Say where its camera is now."""
-        ahead = (look_at - position) / np.linalg.norm(look_at - position)
-        up = np.array(self.told("SetCameraUpDirectionMessage"))
-        down = -(up - (up @ ahead) * ahead)
-        down /= np.linalg.norm(down)
-        wxyz = vtf.SO3.from_matrix(np.stack([np.cross(down, ahead), down, ahead], axis=1)).wxyz
+        ahead, up = look_at - position, np.array(self.told("SetCameraUpDirectionMessage"))
+        wxyz = quaternion_wxyz(looking_along(ahead / np.linalg.norm(ahead), -up).T)
         self.wire.send({
             "type": "ViewerCameraMessage", "wxyz": wxyz.tolist(), "position": position.tolist(),
             "fov": self.told("SetCameraFovMessage"), "near": 0.01, "far": 100.0, "image_height": 600,

@@ -5,6 +5,7 @@ import pytest
 
 from handtrack import load_model
 from handtrack.export.isb import isb_angles, isb_std
+from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import FINGERS
 
 SIDES = ("right", "left")
@@ -48,8 +49,7 @@ def test_pronation_turns_the_thumbs_side_to_the_palm(side):
     radial = -1.0 if side == "right" else 1.0
     for angle in (-0.2, 0.2):
         turned = poses.copy()
-        cosine, sine = np.cos(angle), np.sin(angle)
-        turned[bone, :3, :3] @= np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
+        turned[bone, :3, :3] @= rotation_matrix(np.array([0.0, angle, 0.0]))
         to_the_thumb = radial * turned[bone, :3, 0]
         towards_the_palm = -float(to_the_thumb @ poses[bone, :3, 2])
         found = isb_angles(model, turned[None])["index_pip_pronation"][0]

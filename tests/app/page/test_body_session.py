@@ -13,40 +13,22 @@ from tests.app.desk import shown
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
-BODY = load_model("body34")
 
-
-@pytest.fixture(scope="module")
-def opened(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("body") / "new"
+def test_its_parts_stand_on_their_bones_and_a_slider_moves_a_limb(tmp_path):
     what = Simulation(
         cameras=2, frames=2, size=(96, 72), motion="still", model="body34", distance_m=3.5, images=False
     )  # fmt: skip
-    with shown(simulate(folder, what)) as workbench:
-        yield workbench
-
-
-def test_its_parts_stand_on_their_bones(opened):
-    hand = opened.stage.hand
-    document = opened.worker.document
-    bones = document.model.bones(document.model.transform.solver_params(document.start))
-    assert len(hand.parts) == len(document.model.superquadrics) == 19
-    for part, bone in zip(hand.parts, hand.part_bone, strict=True):
-        np.testing.assert_allclose(part.position, bones.position[bone], atol=1e-6)
-        assert part.visible
-    assert not hand.flesh.visible
-
-
-def test_a_slider_moves_a_limb(opened):
-    hand = opened.stage.hand
-    foot = hand.part_bone.index(BODY.skeleton.bone("left_foot"))
-    before = np.array(hand.parts[foot].position)
-    with WireClient(opened.url) as client:
-        client.set_value(opened.layout.pose.sliders["left_knee_flex"], 90.0)
-        eventually(
-            lambda: np.linalg.norm(np.array(hand.parts[foot].position) - before) > 0.3,
-            "the foot moved",
-        )
+    with shown(simulate(tmp_path / "new", what)) as bench, WireClient(bench.url) as client:
+        hand, document = bench.stage.hand, bench.worker.document
+        places = lambda: np.array([part.position for part in hand.parts])  # noqa: E731
+        bones = document.model.bones(document.model.transform.solver_params(document.start))
+        assert len(hand.parts) == len(document.model.superquadrics) == 19
+        np.testing.assert_allclose(places(), bones.position[list(hand.part_bone)], atol=1e-6)
+        assert all(part.visible for part in hand.parts) and not hand.flesh.visible
+        client.set_value(bench.layout.pose.sliders["left_knee_flex"], 90.0)
+        foot = hand.part_bone.index(document.model.skeleton.bone("left_foot"))
+        away = lambda: np.linalg.norm(places()[foot] - bones.position[hand.part_bone[foot]])  # noqa: E731
+        eventually(lambda: away() > 0.3, "the foot moved")
 
 
 def pulled(model, params, name, target):

@@ -51,15 +51,6 @@ def test_of_frames_drawn_in_one_place_the_worst_is_seen():
     assert STATUS[2][1] in picture.partition("<svg")[2]
 
 
-def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path):
-    document = fake_document(tmp_path)
-    moved = document.start + np.eye(26)[0] * 0.01
-    document.apply(pose_edit(document, 5, moved.tolist()))
-    error = timeline_snapshot(document).lanes[ERROR]
-    assert error[5] == pytest.approx(10.0)
-    assert np.isnan(error[6])
-
-
 def test_a_range_is_tracked_from_the_nearest_pose_of_its_own():
     strip = snapshots.TimelineSnapshot(10, np.full(20, -1), {}, (15,))
     assert nearest_posed(strip, 12, 25, 24) == 15, "nothing is tracked at the frame shown"
@@ -135,7 +126,7 @@ def test_a18_what_is_told_of_the_timeline_adds_up_to_the_whole(tmp_path):
     document.apply(decide(spans=(Span(1, 0, len(document.frames)),)))
     strip = timeline_snapshot(document)
     result = document.run._result  # type: ignore[attr-defined]
-    document.apply(pose_edit(document, 5, (document.start + 0.01).tolist()))
+    document.apply(pose_edit(document, 5, (document.start + 0.01 * np.eye(26)[0]).tolist()))
     for frame in (3, 4, 5, 4):
         take.put(replace(result(frame, document.model.rest_params(), 0), energies={"rest": 2.0}), None)  # fmt: skip
         strip = timeline_change(document).over(strip)
@@ -144,5 +135,7 @@ def test_a18_what_is_told_of_the_timeline_adds_up_to_the_whole(tmp_path):
     assert {COST, ERROR, f"{TERM}priors"} <= set(whole.lanes)
     for name, row in whole.lanes.items():
         assert_array_equal(strip.lanes[name], row)
+    assert whole.lanes[ERROR][5] == pytest.approx(10.0), "of the pose that is given [mm]"
+    assert np.isnan(whole.lanes[ERROR][6])
     other = replace(timeline_change(document), frames=range(99))
     assert other.over(strip) is strip, "of a recording that is counted anew meanwhile"

@@ -10,7 +10,7 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from handtrack import Camera
-from handtrack.geometry.rotation import rotation_matrix
+from handtrack.geometry.rotation import looking_along, rotation_matrix
 from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up
 from handtrack_app.page.scene import looking
@@ -140,16 +140,12 @@ def overlooked(tmp_path):
 
 
 def in_picture(view, points):
-    """Return (N, 2) across and upward, in half heights of the picture."""
+    """Return (N, 2) across and downward, in half heights of the picture."""
     ahead = view.look_at - view.position
-    ahead = ahead / np.linalg.norm(ahead)
-    right = np.cross(ahead, view.up)
-    right /= np.linalg.norm(right)
-    seen = points - view.position
-    depth = seen @ ahead
-    assert (depth > 0).all()
-    flat = np.stack([seen @ right, seen @ np.cross(right, ahead)], axis=1)
-    return flat / depth[:, None] / np.tan(view.fov / 2)
+    turn = looking_along(ahead / np.linalg.norm(ahead), -view.up)
+    seen = (points - view.position) @ turn.T
+    assert (seen[:, 2] > 0).all()
+    return seen[:, :2] / seen[:, 2:] / np.tan(view.fov / 2)
 
 
 def test_all_cameras_are_in_an_overview(overlooked):
