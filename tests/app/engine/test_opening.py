@@ -31,52 +31,46 @@ def two_steps(monkeypatch, preview, document):
 
 
 def test_pictures_are_shown_before_anything_is_fitted(tmp_path, monkeypatch):
-    seen = []
-    before = []
-    held = threading.Event()
+    listener, before, held = Listener(), [], threading.Event()
 
     def opener(folder):
-        before.append(list(seen))
+        before.extend(listener.seen)
         assert held.wait(60.0)
         return fake_document(folder)
 
     two_steps(monkeypatch, fake_document, opener)
-    worker = EngineInThreads(EnginePlan(tmp_path), seen.append)
+    worker = EngineInThreads(EnginePlan(tmp_path), listener.publish)
     worker.start()
     assert worker.wait_shown(60.0) is None
     worker.engine.show_frame(5)
     values = fake_document(tmp_path).start
     values[0] += 0.01
     worker.engine.set_pose(5, tuple(values.tolist()), 1)  # it shows at once, and is not lost
-    is_shown = lambda one: isinstance(one, snapshots.PoseSnapshot) and one.version == 1  # noqa: E731
-    eventually(
-        lambda: any(is_shown(one) for one in seen), "the pose shows before the session opens"
-    )
+    listener.pose(1)
     held.set()
     assert worker.wait_opened(60.0) is None
     worker.stop()
-    known = [type(one) for one in before[0]]
+    known = [type(one) for one in before]
     assert known.index(snapshots.SessionSnapshot) < known.index(snapshots.PoseSnapshot)
     assert known.index(snapshots.PoseSnapshot) < known.index(snapshots.PictureSnapshot)
-    (strip,) = (one for one in before[0] if isinstance(one, snapshots.TimelineSnapshot))
+    (strip,) = (one for one in before if isinstance(one, snapshots.TimelineSnapshot))
     assert (strip.status < 0).all(), "nothing is tracked before the session is open"
     assert worker.document.frame == 5
     assert_allclose(worker.document.by_hand[5], values, atol=1e-9)
 
 
 def test_a_failure_after_the_preview_is_told(tmp_path, monkeypatch):
-    seen = []
+    listener = Listener()
 
     def opener(folder):
         raise ValueError("no such thing")
 
     two_steps(monkeypatch, fake_document, opener)
-    worker = EngineInThreads(EnginePlan(tmp_path), seen.append)
+    worker = EngineInThreads(EnginePlan(tmp_path), listener.publish)
     worker.start()
     assert isinstance(worker.wait_opened(60.0), ValueError)
+    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "failed")
     worker.stop()
-    states = [one.state for one in seen if isinstance(one, snapshots.ProgressSnapshot)]
-    assert states[-1] == "failed"
 
 
 def test_the_preview_lays_the_hand_on_the_first_pose_without_a_fit(tmp_path, monkeypatch):

@@ -135,17 +135,13 @@ def _tip(pose, document):
     return pose.joints[document.model.joint_names.index("index_tip")]
 
 
-def _pixel(document, place, camera="front"):
-    x, y = document.run.session.rig[camera].without_distortion().project(place)
-    return float(x), float(y)
-
-
 def _pull(worker, listener, version, by=(0.0, -0.02, 0.01), frame=3):
     """Pull the index finger's tip by so much in both cameras; return where to."""
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == frame)
     target = _tip(pose, worker.document) + by
     for n, camera in enumerate(("front", "side")):
-        pixel = _pixel(worker.document, target, camera)
+        view = worker.document.run.session.rig[camera].without_distortion()
+        pixel = tuple(map(float, view.project(target)))
         worker.engine.set_pin(
             frame, camera, pixel, version + n, Hold("index_tip"), tag=f"drag {version}"
         )

@@ -26,7 +26,7 @@ TEXT = "[session]\nformat = 1  # of the file\n"
 @pytest.fixture
 def store(tmp_path):
     """Two settings are changed, one of them twice."""
-    (tmp_path / "session.toml").write_text(TEXT, encoding="utf-8")
+    (tmp_path / "session.toml").write_text(TEXT)
     store = opened(tmp_path)
     for name, value in (("cloud.weight", 2.0), ("solver.iterations", 5), ("solver.iterations", 7)):
         did(store, decide(setting={name: value}))
@@ -35,13 +35,13 @@ def store(tmp_path):
 
 def test_while_tracking_runs_nothing_is_saved(bench):
     path = bench.folder / "session.toml"
-    path.write_text(TEXT, encoding="utf-8")
+    path.write_text(TEXT)
     bench.engine.set_setting("cloud.weight", 2.0)
     bench.engine.track(0, 12, 3)
     bench.engine.save_settings()
     said = bench.layout.messages
     eventually(lambda: "fixed while tracking" in said.said.content, "told")
-    assert path.read_text(encoding="utf-8") == TEXT
+    assert path.read_text() == TEXT
 
 
 def test_the_file_before_is_kept_and_the_journal_gives_way(store):
@@ -49,7 +49,7 @@ def test_the_file_before_is_kept_and_the_journal_gives_way(store):
     saving.save_settings(store)
     saving.save_settings(store)  # which has them already
     (kept,) = versions(path)
-    assert kept.read_text(encoding="utf-8") == TEXT
+    assert kept.read_text() == TEXT
     again = opened(store.folder)  # what stands in session.toml may be edited there from now on
     assert again.document.run.settings.solver.iterations == 30
 
@@ -59,13 +59,13 @@ def test_a_file_that_cannot_be_changed_is_left_alone_and_nothing_is_lost(store, 
     path = store.folder / "session.toml"
     path.unlink()
     if text is not None:
-        path.write_text(text, encoding="utf-8")
+        path.write_text(text)
     if text == TEXT:  # which is right, in a folder that is read-only
         locked = PermissionError(13, "Permission denied", str(path))
         monkeypatch.setattr(toml_edit, "replace_text", Mock(side_effect=locked))
     with pytest.raises(HandtrackError):
         saving.save_settings(store)
-    assert (path.read_text(encoding="utf-8") if path.exists() else None) == text
+    assert (path.read_text() if path.exists() else None) == text
     again = opened(store.folder)
     assert again.document.run.settings.solver.iterations == 7
 
@@ -73,7 +73,7 @@ def test_a_file_that_cannot_be_changed_is_left_alone_and_nothing_is_lost(store, 
 def test_the_fitted_size_is_kept(tmp_path):
     path = tmp_path / "session.toml"
     text = '[hand]\nscale = "fit"  # mine\n[session]\nformat = 1\nfps = 25.0\n\n[[camera]]\nname = "front"\n'
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text)
     size = HandScale(1.07, {"thumb": 0.95})
     store = opened(tmp_path)
     did(store, edits.size(size))
@@ -82,18 +82,18 @@ def test_the_fitted_size_is_kept(tmp_path):
     assert read_session_file(path).hand.scale == "hand.json"
     assert read_scale(tmp_path / "hand.json") == size
     assert read_first_pose(tmp_path / "init.json").frame == store.document.frame
-    assert "# mine" in path.read_text(encoding="utf-8")
-    assert [one.read_text(encoding="utf-8") for one in versions(path)] == [text]
+    assert "# mine" in path.read_text()
+    assert [one.read_text() for one in versions(path)] == [text]
     assert len(versions(tmp_path / "init.json")) == 1
 
 
 def test_a_size_that_was_given_stays_as_it_is_written(tmp_path):
     path = tmp_path / "session.toml"
-    path.write_text("[hand]\nscale = 1.05\n", encoding="utf-8")
+    path.write_text("[hand]\nscale = 1.05\n")
     store = opened(tmp_path)
     did(store, edits.size(HandScale(1.07)))
     saving.save_first_pose(store)
-    assert path.read_text(encoding="utf-8") == "[hand]\nscale = 1.05\n"
+    assert path.read_text() == "[hand]\nscale = 1.05\n"
     assert not (tmp_path / "hand.json").exists()
 
 
@@ -103,13 +103,13 @@ def test_clouds_are_saved_key_by_key(tmp_path):
     path = folder / "session.toml"
     store = Persistence.open(opening.document(opening.opened(folder)))
     document = store.document
-    added = path.read_text(encoding="utf-8").replace("[clouds]", "[clouds]  # c\nper_voxel = 3")
-    path.write_text(added, encoding="utf-8")
+    added = path.read_text().replace("[clouds]", "[clouds]  # c\nper_voxel = 3")
+    path.write_text(added)
     skin = SkinEllipse((0.4, 0.3), (0.001, 0.0, 0.002), 3.0)
     changed = document.clouds.with_values({"voxel_m": None, "skin": skin, "near_m": False})
     did(store, edits.clouds(changed))
     saving.save_clouds(store)
     expected = document.clouds.with_values({"per_voxel": 3})
     assert read_session_file(path).clouds == expected
-    assert "voxel_m" not in path.read_text(encoding="utf-8")
-    assert "[clouds]  # c\nper_voxel = 3\n" in path.read_text(encoding="utf-8")
+    assert "voxel_m" not in path.read_text()
+    assert "[clouds]  # c\nper_voxel = 3\n" in path.read_text()

@@ -17,20 +17,13 @@ from tests.app.opened import did, opened
 from tests.app.waiting import eventually
 
 
-@pytest.fixture
-def tuned(tmp_path):
-    """A user had changed two settings, of which the papers' methods set one to what it is then."""
-    tuned = opened(tmp_path)
-    did(tuned, decide(setting={"keypoints.weight": 0.0}))
-    did(tuned, decide(setting={"edges.sigma_px": 3.0}))
-    return tuned
-
-
-def test_the_command_line_is_told_no_more_than_it_needs(tuned):
-    document = tuned.document
-    own = document.own_settings
-    did(tuned, edits.method(document, "paper2004"))
-    did(tuned, decide(setting={"solver.iterations": 20}))
+def test_the_command_line_is_told_no_more_than_it_needs(tmp_path):
+    store = opened(tmp_path)
+    document, own = store.document, store.document.own_settings
+    for name, value in (("keypoints.weight", 0.0), ("edges.sigma_px", 3.0)):
+        did(store, decide(setting={name: value}))
+    did(store, edits.method(document, "paper2004"))  # which sets one of them to what it is then
+    did(store, decide(setting={"solver.iterations": 20}))
     said = to_be_said(document.run.settings.flat(), own)
     assert said == {"method": "paper2004", "edges.sigma_px": 3.0, "solver.iterations": 20}
     assert TrackerSettings().with_values(said) == document.run.settings
