@@ -13,6 +13,7 @@ from handtrack_app.start.import_progress import ImportProgress
 from handtrack_app.start.recent import recent_sessions, remember
 from handtrack_app.start.start_page import StartPage
 from tests.app.commands.test_new_joints import project
+from tests.app.door.test_messages import begins, part
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.capture.sample_files import rig_of_two, sample
@@ -41,7 +42,15 @@ def start(monkeypatch, tmp_path):
     page.stop()
 
 
-def test_one_opencv_file_a_camera_is_taken_whole(tmp_path, start, monkeypatch):
+@pytest.fixture
+def asked(start, monkeypatch):
+    """The words of each `handtrack new` that would be run."""
+    asked = []
+    monkeypatch.setattr(start, "_run", lambda _title, args, *_: asked.append(args))
+    return asked
+
+
+def test_one_opencv_file_a_camera_is_taken_whole(tmp_path, start, asked):
     rig = rig_of_two()
     files = sample("calibration/opencv_a_file_a_camera", tmp_path)
     video = BUNDLED / "cam0.mp4"
@@ -49,11 +58,7 @@ def test_one_opencv_file_a_camera_is_taken_whole(tmp_path, start, monkeypatch):
         shutil.copy(video, tmp_path / f"{name}.mp4")
     found = find_files(tmp_path)
     assert set(found.calibrations) == set(files) and not found.unused
-    assert {name: path.name for name, path in found.videos.items()} == {
-        n: f"{n}.mp4" for n in rig.names
-    }
-    asked = []
-    monkeypatch.setattr(start, "_run", lambda _title, args, *_: asked.append(args))
+    assert {name: path.stem for name, path in found.videos.items()} == {n: n for n in rig.names}
     start.folder.value = str(tmp_path)
     for _ in range(2):  # the second time by what the page wrote into the field
         start.look()
@@ -119,16 +124,11 @@ def test_a_camera_without_a_video_and_an_unused_video_are_red(start, folder):
     assert start.found.content.count("ready") == 2
 
 
-def upload(client, start, path, size=0):
-    """Send a file as viser's page does; of one of a size [bytes] only what comes first."""
-    said = {"source_component_uuid": start.upload._impl.uuid, "transfer_uuid": path.name}
-    content = b"" if size else path.read_bytes()
-    client.send({
-        "type": "FileTransferStartUpload", **said, "filename": path.name, "mime_type": "", "size_bytes": size or len(content),
-        "part_count": 1,
-    })  # fmt: skip
-    if not size:
-        client.send({"type": "FileTransferPart", **said, "part_index": 0, "content": content})
+def upload(client, start, path):
+    """Send a file as viser's page does."""
+    content, button = path.read_bytes(), start.upload
+    client.send(begins(button, len(content), transfer=path.name, filename=path.name))
+    client.send(part(button, content, transfer=path.name))
 
 
 def test_a_calibration_is_uploaded(start, folder, tmp_path):
@@ -147,7 +147,7 @@ def test_a_calibration_is_uploaded(start, folder, tmp_path):
             upload(client, start, path)
         eventually(lambda: len(start.calibration.value.split(";")) == 2, "one for each camera")
         for name, size in (("large.toml", LARGEST_FILE + 1), ("film.mp4", 3 * 1024**3)):
-            upload(client, start, tmp_path / name, size)
+            client.send(begins(start.upload, size, filename=name))
             eventually(lambda name=name: f"{name} is too large" in start.output.content, "said")
     assert [path.name for path in kept.parent.iterdir()] != []
     start.stop()
@@ -187,7 +187,7 @@ def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatc
         eventually(lambda: start.chosen == folder.parent / "my take_handtrack", "opened")
 
 
-def test_a_pose2sim_project_is_known(start, tmp_path, monkeypatch):
+def test_a_pose2sim_project_is_known(start, asked, tmp_path, monkeypatch):
     """It has no videos here: joints alone will do."""
     trial = project(tmp_path / "p")
     monkeypatch.setattr("handtrack_app.start.start_page.has_weights", lambda: False)
@@ -196,8 +196,6 @@ def test_a_pose2sim_project_is_known(start, tmp_path, monkeypatch):
         eventually(lambda: start.make.visible, "it is known")
     assert "a Pose2Sim project" in start.found.content
     assert not start.fetch.visible, "its joints need no detector"
-    asked = []
-    monkeypatch.setattr(start, "_run", lambda _title, args, *_: asked.append(args))
     start.make_session()
     (words,) = asked
     assert words[words.index("--project") + 1] == str(trial)

@@ -227,10 +227,10 @@ def test_a_small_file_reaches_an_upload_button_and_nothing_else_does(small):
     assert small.door.messages.refused == 10 and len(small.door.messages._begun) < 10
 
 
-def begins(widget, size=10**12, parts=1, transfer="1"):
+def begins(widget, size=10**12, parts=1, transfer="1", filename="x"):
     return {
         "type": "FileTransferStartUpload", "source_component_uuid": widget._impl.uuid, "transfer_uuid": transfer,
-        "filename": "x", "mime_type": "x", "size_bytes": size, "part_count": parts,
+        "filename": filename, "mime_type": "x", "size_bytes": size, "part_count": parts,
     }  # fmt: skip
 
 
