@@ -68,8 +68,6 @@ def test_joints_are_written_and_the_session_reads_them(handtrack, folder, scene)
         true = view.camera.project(0.5 * keypoints() + [0.001, 0, 0])
         assert joints.pixels[joints.names.index("index_tip")] == pytest.approx(true[8], abs=1e-3)
         assert view.keypoints(FRAMES - 1, 5.0) == ()
-    files = sorted((folder / "keypoints" / "cam1").iterdir())
-    assert [file.name for file in files] == [f"{frame:06d}.json" for frame in range(FRAMES)]
     again = handtrack.does("detect", folder, "--write")
     assert "session.toml" not in again.out  # it says so already
 

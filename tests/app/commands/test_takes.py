@@ -41,7 +41,6 @@ def test_takes_are_listed_with_their_size(handtrack, session):
     assert [take["take"] for take in told["takes"]] == [1, 2, 3]
     assert told["takes"][2]["statuses"] == {"tracked": 3}
     assert told["takes"][0]["settings"]["silhouettes.weight"] == 1.0
-    assert set(told["takes"][0]["versions"]) == {"handtrack", "numpy", "numba", "python"}
     assert told["damage"] == []
     assert told["writer"] is None
 

@@ -1,7 +1,6 @@
 """`handtrack track` by masks that show more than the hand, by images alone, by raw mosaics; and of the other hand (fault C31)."""
 
 import json
-import shutil
 
 import cv2
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 
 from handtrack import Session, Status, bundled_session, evaluate, load_model, read_npz
 from handtrack.model.pose_library import named_pose
-from tests.app.command_line import QUICK
+from tests.app.command_line import SIZE
 from tests.capture.mosaics import mosaic_of
 from tests.session.small_session import edit
 
@@ -104,24 +103,17 @@ SKIN = 'masks = { method = "skin_ycrcb", open_px = 0 }'
 
 
 @pytest.fixture
-def mosaics(tmp_path):
-    """The bundled session's first frames as its cameras' sensors would have given them: raw, masks from colour."""
-    folder = tmp_path / "raw"
-    folder.mkdir()
-    for name in ("calibration.toml", "init.json"):
-        shutil.copyfile(bundled_session("open_fist_open") / name, folder / name)
-    text = (bundled_session("open_fist_open") / "session.toml").read_text()
+def mosaics(session):
+    """The small recording's first frames as its cameras' sensors would have given them: raw, masks from colour."""
     for camera in CAMERAS:
-        (folder / camera).mkdir()
+        (session / camera).mkdir()
         video = cv2.VideoCapture(str(bundled_session("open_fist_open") / f"{camera}.mp4"))
         for frame in range(FRAMES):
-            raw = mosaic_of(video.read()[1], "GRBG").astype(np.uint16) * 16
-            cv2.imwrite(str(folder / camera / f"{frame:06d}.png"), raw)
-        video.release()
-        raw = f'"{camera}/*.png"\nbayer = "grbg"\nwhite_level = 4080'
-        text = text.replace(f'"{camera}.mp4"', raw).replace(f'masks = "masks/{camera}/*.png"', SKIN)
-    (folder / "session.toml").write_text(text + QUICK)
-    return folder
+            raw = mosaic_of(cv2.resize(video.read()[1], SIZE), "GRBG").astype(np.uint16) * 16
+            cv2.imwrite(str(session / camera / f"{frame:06d}.png"), raw)
+        raw = f'images = "{camera}/*.png"\nbayer = "grbg"\nwhite_level = 4080\n{SKIN}'
+        edit(session / "session.toml", f'masks = "masks/{camera}/*.png"', raw)
+    return session
 
 
 def test_raw_mosaics_are_tracked_like_colour_and_the_doctor_names_a_wrong_pattern(
@@ -129,13 +121,13 @@ def test_raw_mosaics_are_tracked_like_colour_and_the_doctor_names_a_wrong_patter
 ):
     colour = cv2.VideoCapture(str(bundled_session("open_fist_open") / "cam1.mp4")).read()[1]
     image = Session.open(mosaics).image("cam1", 0)
-    assert np.abs(image.astype(int) - colour)[8:-8, 8:-8].mean() < 3.0
+    assert np.abs(image.astype(int) - cv2.resize(colour, SIZE))[8:-8, 8:-8].mean() < 3.0
     ended = handtrack.does("track", mosaics)
     assert f"{FRAMES} of {FRAMES} frames: {FRAMES} tracked" in ended.out
     assert ended.err.count("note:") == 0, ended.err
-    truth = Session.open(bundled_session("open_fist_open")).truth
+    truth = Session.open(mosaics).truth
     error = evaluate(read_npz(mosaics / "tracks/poses.npz"), truth)["mpjpe_tracked_mm"]
-    assert error < 2.2  # 1.5 mm; 1.4 with masks by skin colour of the colour videos
+    assert error < 2.2  # 1.9 mm
     edit(mosaics / "session.toml", 'bayer = "grbg"', 'bayer = "rggb"')
     wrong = handtrack.does("doctor", mosaics).out
     assert "RGGB" in wrong and "GRBG" in wrong

@@ -14,26 +14,22 @@ def _bends(bench):
     return [float(document.results[f].parameters[at]) for f in range(FRAMES)]
 
 
-def track(bench, first, number, count):
+def track(bench, first, number):
     """Track from a frame on, and wait until it is shown as a take."""
     bench.engine.track(first, FRAMES, first)
     takes = bench.layout.takes
     eventually(
-        lambda: (
-            takes.numbers[:1] == (str(number),)
-            and f"{count} frames shown" in takes.list.content
-            and bench.layout.progress.state == "idle"
-        ),
+        lambda: takes.numbers[:1] == (str(number),) and bench.layout.progress.state == "idle",
         f"take {number}",
     )
 
 
 def test_a_take_comes_back(bench, wire):
     panel, document = bench.layout.takes, bench.worker.document
-    track(bench, 0, 1, FRAMES)
+    track(bench, 0, 1)
     first = _bends(bench)
     bench.engine.set_pose(4, tuple(value + 0.05 for value in document.start), 100)
-    track(bench, 4, 2, FRAMES - 5)  # the keyframe stays
+    track(bench, 4, 2)  # the keyframe stays
     second = _bends(bench)
     wire.set_value(panel.chosen, "1")
     wire.set_value(panel.back, True)
@@ -50,7 +46,6 @@ def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench, wire):
         bench.engine.set_pose(frame, posed, 100 + frame)
     bench.go_to(2)
     eventually(lambda: bool(tracking.between.visible), "offered")
-    assert tracking.between.label == "Track between 2 and 9"
     wire.set_value(tracking.between, True)
     eventually(lambda: set(document.results) == set(range(3, 9)), "tracked")
     at = document.model.parameter_names.index("index_mcp_flex")

@@ -70,7 +70,6 @@ def test_the_hand_is_found_taken_and_can_be_undone(bench, wire, search):
     eventually(lambda: abs(state.values[0] - 0.03) < 1e-9, "undone")
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: np.allclose(state.values, before), "the pose before the search")
-    wire.set_value(panel.takes, "77")
     bench.go_to(6)
     eventually(lambda: not bench.stage.ghosts.bones.visible and not panel.folder.visible, "hidden")
     bench.go_to(5)
