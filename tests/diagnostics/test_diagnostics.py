@@ -1,6 +1,6 @@
 """Scores, reviews and residuals with known answers."""
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 import pytest
 
@@ -31,23 +31,15 @@ def test_the_true_pose_overlaps_and_another_overlaps_less_at_a_higher_energy():
     assert worse.energy["coverage"] > 2 * found.energy["coverage"]
 
 
-@dataclass(frozen=True)
-class Known:
-    frame: int
-    status: Status = Status.DOUBTFUL
-    reason: Reason | None = None
-    p_off_25mm: float = float("nan")
-
-
-def off(frame: int, part: str, probability: float) -> Known:
+def off(frame, part, probability, status=Status.DOUBTFUL):
     reason = Reason("off", part, "outline", 12.0, probability)
-    return Known(frame, Status.DOUBTFUL, reason, probability)
+    return SimpleNamespace(frame=frame, status=status, reason=reason, p_off_25mm=probability)
 
 
 def test_most_frames_off_come_first_with_reason_and_size():
     ring = [off(f, "ring finger", 0.4 + 0.05 * (f == 215)) for f in range(212, 220)]
     thumb = [off(f, "thumb", 0.9) for f in (30, 31)]
-    fine = [Known(f, Status.TRACKED, None, 0.1) for f in range(100, 110)]
+    fine = [off(f, "palm", 0.1, Status.TRACKED) for f in range(100, 110)]
     first, second = intervals_to_review([*thumb, *fine, *ring])
     assert (first.first, first.last, first.worst) == (212, 219, 215)
     assert first.expected == pytest.approx(8 * 0.4 + 0.05)

@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 from handtrack import load_model
 from handtrack.model.kinematics import bone_poses, linearize
+from tests.derivatives import check_jacobian
 from tests.model import kinematics_reference as reference
 
 
@@ -37,11 +38,9 @@ def test_twist_jacobian_is_the_derivative_of_points_on_bones(rng, spread):
     bones, jacobian = linearize(model.skeleton, params)
     every = np.arange(model.skeleton.bone_count)
     local = rng.normal(scale=0.05, size=(len(every), 3))
-    points = bones.to_world(every, local)
-    for s, name in enumerate(model.parameter_names):
-        step = np.zeros(len(params))
-        step[s] = 1e-6
-        ahead = bone_poses(model.skeleton, params + step).to_world(every, local)
-        behind = bone_poses(model.skeleton, params - step).to_world(every, local)
-        predicted = jacobian[:, :3, s] + np.cross(jacobian[:, 3:, s], points - bones.reference)
-        assert_allclose(predicted, (ahead - behind) / 2e-6, atol=2e-9, err_msg=name)
+    arm = bones.to_world(every, local) - bones.reference
+    slopes = jacobian[:, :3] + np.cross(jacobian[:, 3:], arm[:, :, None], axis=1)
+    check_jacobian(
+        lambda x: bone_poses(model.skeleton, x).to_world(every, local), slopes.reshape(-1, len(params)), params,
+        names_columns=model.parameter_names, rtol=0.0, atol=2e-9,
+    )  # fmt: skip

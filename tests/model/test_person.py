@@ -19,7 +19,7 @@ from handtrack.model.size import (
     with_number,
 )
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from tests.derivatives import check_gradient
+from tests.derivatives import check_gradient, check_jacobian
 
 FITTED = HandScale(
     1.05, {"thumb": 0.97}, {"palm_breadth": 0.4, "thumb_base_along": -1.0}, {"index_tip": (0.1, -2.0, 0.5)},
@@ -143,36 +143,36 @@ def test_a_grown_model_is_the_model_of_that_size(size, rng):
 
 def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
     """dX = v + G (X − o), for a point that is fixed to a bone, and for the middle and the axes of an ellipsoid."""
-    deviations, step = rng.normal(size=len(size.names)), 1e-6
+    deviations, order = rng.normal(size=len(size.names)), rng.permutation(len(size.names))
     params, local = posed(size.model, rng), rng.normal(size=(len(size.model.groups), 3))
     every, flesh = np.arange(len(local)), size.model.flesh["fine"]
+    names, count = [size.names[number] for number in order], len(order)
 
-    def points(at):
-        return size.rescaled(at).bones(params).to_world(every, local)
+    def centres(bones):
+        return flesh.posed(bones).centre
 
-    def ellipsoids(at):
-        placed = flesh.posed(size.rescaled(at).bones(params))
+    def shapes(bones):
+        placed = flesh.posed(bones)
         axes = placed.rotation * placed.radii[:, None]
-        return placed.centre, axes @ axes.swapaxes(1, 2)
+        return axes @ axes.swapaxes(1, 2)
 
-    bones, order = size.rescaled(deviations).bones(params), rng.permutation(len(size.names))
-    fields, (centre, shape) = size.fields(bones, order), ellipsoids(deviations)
-    arm = bones.to_world(every, local) - bones.reference
-    for k, number in enumerate(order):
-        name, move = size.names[number], step * np.eye(len(deviations))[number]
-        ahead, behind = deviations + move, deviations - move
-        gradient = fields.joints[:, 3:, k].reshape(-1, 3, 3)
-        found = fields.joints[:, :3, k] + np.einsum("bij,bj->bi", gradient, arm)
-        seen = (points(ahead) - points(behind)) / (2 * step)
-        assert_allclose(found, seen, atol=1e-8, err_msg=name)
-        here, there = ellipsoids(ahead), ellipsoids(behind)
-        on = gradient[flesh.bone]
-        moved = fields.flesh[flesh.bone, :3, k] + np.einsum(
-            "eij,ej->ei", on, centre - bones.reference
-        )
-        assert_allclose(moved, (here[0] - there[0]) / (2 * step), atol=1e-8, err_msg=name)
-        stretched = on @ shape + shape @ on.swapaxes(1, 2)
-        assert_allclose(stretched, (here[1] - there[1]) / (2 * step), atol=1e-9, err_msg=name)  # fmt: skip
+    def check(function, slopes, atol=1e-8):
+        def moved(by):
+            return function(size.rescaled(deviations + by[np.argsort(order)]).bones(params))
+
+        slopes = slopes.reshape(-1, count)
+        check_jacobian(moved, slopes, np.zeros(count), None, names, rtol=0.0, atol=atol)
+
+    bones = size.rescaled(deviations).bones(params)
+    fields = size.fields(bones, order)
+    arm, off = bones.to_world(every, local) - bones.reference, centres(bones) - bones.reference
+    gradient = fields.joints[:, 3:].reshape(-1, 3, 3, count)
+    on = gradient[flesh.bone]
+    moved = fields.joints[:, :3] + np.einsum("bijk,bj->bik", gradient, arm)
+    check(lambda bones: bones.to_world(every, local), moved)
+    check(centres, fields.flesh[flesh.bone, :3] + np.einsum("eijk,ej->eik", on, off))
+    stretched = np.einsum("eijk,ejl->eilk", on, shapes(bones))
+    check(shapes, stretched + stretched.swapaxes(1, 2), atol=1e-9)
 
 
 def test_each_deviation_makes_a_hand_longer_as_its_slope_says(rng):
