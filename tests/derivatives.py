@@ -106,9 +106,7 @@ def check_observation_term(
     check(larger, system.gradient, DEFORMED)
 
 
-def check_parameter_term(
-    term: ParameterTerm, joint_params: Floats, names: Sequence[str] | None = None
-) -> None:
+def check_parameter_term(term: ParameterTerm, joint_params: Floats, names: Sequence[str]) -> None:
     """Compare a term's gradient (S,) with the change of its cost."""
     system = term.linearize(joint_params)
     _check_cost(system.cost, term.cost(joint_params), term.name)

@@ -24,7 +24,7 @@ def meaning(path: Path) -> Any:
     return json.loads(json.dumps(read(path)).replace(VERSION, "VERSION"))
 
 
-def differences(before: Any, after: Any, where: str = "") -> Iterator[str]:
+def differences(before: Any, after: Any, where: str) -> Iterator[str]:
     """Yield a sentence for each place where two meanings differ: a name, a word, or a number beyond the sixth digit."""
     if isinstance(before, dict) and isinstance(after, dict):
         for name in before.keys() | after.keys():

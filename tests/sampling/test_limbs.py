@@ -24,10 +24,10 @@ def _random_pose(model, rng):
     return model.clipped(params)
 
 
-def within_limits(limits, joint_params, slack=1e-9):
+def within_limits(limits, joint_params):
     """Return (N,) whether joint parameters (N, S) are within limits, also those that narrow with another."""
     low, high = np.moveaxis(limits.bounds(joint_params), -1, 0)
-    return ((joint_params >= low - slack) & (joint_params <= high + slack)).all(axis=1)
+    return ((joint_params >= low - 1e-9) & (joint_params <= high + 1e-9)).all(axis=1)
 
 
 def _distant(metres):

@@ -10,7 +10,7 @@ from handtrack.solver.block_banded import REACH, BlockBanded, Bordered
 SIZE = 4
 
 
-def _system(frames, shared=0):
+def _system(frames, shared):
     """Return a banded system of frames that look at up to two neighbours, with a border of what they share; and the same as a dense one."""
     rng = np.random.default_rng(frames)
     split = frames * SIZE

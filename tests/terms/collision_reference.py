@@ -13,10 +13,10 @@ def free_space(directions: Floats, delta: Floats, one: Floats, other: Floats) ->
     return n @ delta - reach
 
 
-def signed_distance(delta: Floats, one: Floats, other: Floats, count: int = 4000) -> float:
+def signed_distance(delta: Floats, one: Floats, other: Floats) -> float:
     """Return max f over the sphere. delta: (3,) from one centre to the other; one, other: (3, 3) R diag(r²) Rᵀ."""
     rng = np.random.default_rng(0)
-    directions = rng.normal(size=(count, 3))
+    directions = rng.normal(size=(4000, 3))
     best = directions[free_space(directions, delta, one, other).argmax()]
     found = minimize(lambda n: -float(free_space(n, delta, one, other)), best, tol=1e-14)
     return -float(found.fun)

@@ -19,10 +19,10 @@ from tests.terms.silhouette_scene import bones_of, camera_of, ellipsoids_of, mov
 STEP_M = 0.004
 
 
-def texture_image(rng, camera: Camera, smooth_px: float = 3.0):
+def texture_image(rng, camera: Camera):
     """Return an image (H, W, 3) uint8 of soft coloured spots, over the whole range of grey."""
     width, height = camera.size
-    spots = cv2.GaussianBlur(rng.normal(size=(height, width, 3)), (0, 0), smooth_px)
+    spots = cv2.GaussianBlur(rng.normal(size=(height, width, 3)), (0, 0), 3.0)
     return np.clip(128 + 60 * spots / spots.std(), 0, 255).astype(np.uint8)
 
 
@@ -43,13 +43,13 @@ def edges_seen(bones, mesh, views, search_px=6.0):
     return seen
 
 
-def texture_seen(rng, bones, mesh, views, sigma_px=1.5):
+def texture_seen(rng, bones, mesh, views):
     """Return the texture carried from poses a little off, with other colours than the images have."""
     before = moved_along(bones, rng.normal(scale=0.004, size=6 * len(bones.position)))
     seen = []
     for camera, pixels in views:
         bone, local, pixel = texture_points(mesh, before, depth_picture(mesh, before, camera), 3)
-        image = smooth_image(pixels, sigma_px, pixel, 10.0)
+        image = smooth_image(pixels, 1.5, pixel, 10.0)
         color = 40.0 + 0.7 * image.look_up(pixel)[0]
         texture = Texture(camera, bone, local, color)
         texture = still_visible(texture, bones, depth_picture(mesh, bones, camera), STEP_M)

@@ -13,9 +13,9 @@ from tests.derivatives import deformed
 BONES = 5
 
 
-def bones_of(rng, spread=0.03):
+def bones_of(rng):
     """Return BONES bones near the origin."""
-    position = rng.normal(scale=spread, size=(BONES, 3))
+    position = rng.normal(scale=0.03, size=(BONES, 3))
     rotation = Rotation.random(BONES, rng=rng).as_matrix()
     return BonePoses(position[0].copy(), rotation, position)
 
@@ -46,7 +46,7 @@ def camera_of(rng, size=(96, 72), distance=0.5, focal=110.0, name="cam"):
     return pinhole(name, size, (focal, 1.1 * focal), rotation, (0, 0, distance), at=middle)
 
 
-def silhouette_of(rng, camera, full=False, unknown=False):
+def silhouette_of(rng, camera, full, unknown):
     """Return a mask, smooth blobs of 0 … 1, with random spans (some rows not seen at all) unless `full`.
 
     unknown: nobody knows of two more blobs, across the others' outlines, and of single pixels.
@@ -83,12 +83,12 @@ def silhouettes_of(rng, count=3, full=False, unknown=False, **camera):
     ]
 
 
-def assert_same_system(ours, other, tolerance=1e-9):
+def assert_same_system(ours, other):
     """Fail unless cost, gradient and Hessian agree, relative to their largest numbers."""
-    assert abs(ours.cost - other.cost) <= tolerance * max(abs(other.cost), 1e-12)
+    assert abs(ours.cost - other.cost) <= 1e-9 * max(abs(other.cost), 1e-12)
     for a, b in ((ours.gradient, other.gradient), (ours.hessian, other.hessian)):
         assert np.isfinite(a).all()
-        np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * max(np.abs(b).max(), 1e-12))
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * max(np.abs(b).max(), 1e-12))
 
 
 def moved_along(bones, step):

@@ -52,9 +52,9 @@ def measured(frame):
     return points + rng.normal(scale=1e-3, size=points.shape)
 
 
-def plate(middle, breadth, height=None, step=0.0025):
+def plate(middle, breadth, height=None):
     """Return points (N, 3) on a plate across the line of sight."""
-    sides = (np.arange(-s / 2, s / 2, step) for s in (breadth, height or breadth))
+    sides = (np.arange(-s / 2, s / 2, 0.0025) for s in (breadth, height or breadth))
     x, y = (one.ravel() for one in np.meshgrid(*sides))
     return middle + np.column_stack([x, y, np.zeros(len(x))])
 

@@ -20,8 +20,8 @@ FRAMES = 5
 TRUTH = motion(MODEL, "open_fist_open", 100, np.random.default_rng(0))[:FRAMES]
 
 
-def views(sensor, seed=3):
-    return list(depth_views(MODEL, TRUTH, sensor, np.random.default_rng(seed)))
+def views(sensor):
+    return list(depth_views(MODEL, TRUTH, sensor, np.random.default_rng(3)))
 
 
 def tracked(seen, model=MODEL, **settings):

@@ -27,9 +27,10 @@ def _joints(params: Floats) -> Floats:
     return HAND.joint_positions(HAND.bones(params))
 
 
-def _pins(target, joint="index_tip", cameras=CAMERAS):
+def _pins(target, cameras=CAMERAS):
     return tuple(
-        ImagePins(c, (Pin(c.name, tuple(map(float, c.project(target))), joint),)) for c in cameras
+        ImagePins(c, (Pin(c.name, tuple(map(float, c.project(target))), "index_tip"),))
+        for c in cameras
     )
 
 

@@ -43,22 +43,16 @@ class Path:
         after = state + seen + 1000 * (seen in self.finds)
         return after, self._result(seen, after)
 
-    reason = None
-
     def _result(self, frame, pose):
         return SimpleNamespace(
-            frame=frame, parameters=np.array([pose]), status=Status.TRACKED, reason=self.reason
+            frame=frame, parameters=np.array([pose]), status=Status.TRACKED, reason=None
         )
 
 
-def observe(frame, _bones):
-    return frame
-
-
-def poses(path, threads, monkeypatch, observe=observe, count=COUNT, **more):
+def poses(path, threads, monkeypatch, **more):
     monkeypatch.setenv("HANDTRACK_THREADS", str(threads))
-    execution = SpeculativeExecution(path, observe, 0, Control(**more))
-    return [(r.frame, r.parameters[0]) for _, r in execution.frames(range(count))]
+    execution = SpeculativeExecution(path, lambda frame, _: frame, 0, Control(**more))
+    return [(r.frame, r.parameters[0]) for _, r in execution.frames(range(COUNT))]
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,4 +1,4 @@
-"""2D joints in the forms that detectors write: the same points in a session, whatever they came from."""
+"""2D joints in the forms that detectors write: the same points in a session, whatever they came from; and what is refused."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 
 from handtrack import HandtrackError
 from handtrack.arrays import D3, D21, F, Floats
-from handtrack.capture.images.openpose import LAYOUTS, read_openpose
+from handtrack.capture.images.openpose import LAYOUTS, read_openpose, write_hand, written_by
 from handtrack.capture.joints.given_joints import in_pixels, write_joints
 from handtrack.capture.joints.joint_names import JOINTS, known_joint
 from handtrack.capture.joints.read_joints import read_joints
@@ -16,15 +16,15 @@ from tests.capture.joints.people import SIZE
 from tests.capture.sample_files import HAND_FRAMES, forms, hand, sample
 
 
-def written(text: Path, folder: Path) -> tuple[Floats[F, D21, D3], str]:
-    """Return what a session reads of a file's joints, and their side."""
+def written(text: Path, folder: Path) -> Floats[F, D21, D3]:
+    """Return what a session reads of a file's joints."""
     given = read_joints(str(text), "it")
     side, frames = given.hand(None, "it")
     points = {f: in_pixels(h, SIZE) for f, h in frames.items()} if given.is_share else frames
     write_joints(points, f"hand_{side or 'right'}", folder / "joints")
     layout = LAYOUTS[given.layout or f"hand_{side or 'right'}"]
     read = [read_openpose(folder / f"joints/{i:06d}.json", layout) for i in range(HAND_FRAMES)]
-    return np.array(read), side
+    return np.array(read)
 
 
 WITH_CONFIDENCE = ("openpose", "mmpose", "mmpose_from_one", "coco", "deeplabcut_csv", "deeplabcut_h5", "sleap_h5")  # fmt: skip
@@ -33,7 +33,7 @@ WITH_CONFIDENCE = ("openpose", "mmpose", "mmpose_from_one", "coco", "deeplabcut_
 @pytest.mark.parametrize("form", forms("hands"))
 def test_points_and_confidence_are_kept(form, tmp_path):
     (path,), name = sample(form, tmp_path), form.split("/")[1]
-    found, _ = written(path, tmp_path)
+    found = written(path, tmp_path)
     expected = hand()
     if name not in WITH_CONFIDENCE:
         expected = np.where(np.isnan(expected), 50.0, expected)
@@ -83,3 +83,59 @@ def test_caliscope_s_table_gives_the_joints_of_a_camera_by_its_number(heads, tmp
     np.testing.assert_allclose(frames[8][:, 0], 400 + np.arange(21))
     with pytest.raises(HandtrackError, match="1, 4"):
         read_joints(str(path), "it", camera="cam_2")
+
+
+BODY = LAYOUTS["body_25"]
+
+
+def _person(height):
+    points = np.column_stack([np.arange(25), np.linspace(0, height, 25), np.full(25, 0.9)])
+    return {"pose_keypoints_2d": points.ravel().tolist()}
+
+
+def test_the_tallest_person_is_taken(tmp_path):
+    file, people = tmp_path / "a_0.json", [_person(100), _person(700), _person(300)]
+    file.write_text(json.dumps({"version": 1.3, "people": people}))
+    found = read_openpose(file, BODY)
+    assert found.shape == (25, 3)
+    assert found[-1].tolist() == [24.0, 700.0, 0.9]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "not valid JSON"),
+        ('{"version": 1.3}', "no list 'people'; expected a file as OpenPose writes it."),
+        (
+            '{"people": [{"hand_left_keypoints_2d": []}]}',
+            "person 0 has no 'pose_keypoints_2d'. Another keypoint_layout may fit: "
+            "body_25, body_25b, coco18, coco17, halpe26, coco133, mediapipe33, body22, hand_left, hand_right, mediapipe21.",
+        ),
+        (
+            '{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}',
+            "'pose_keypoints_2d' of person 0 has 3 values; expected 25 times x, y, confidence.",
+        ),
+    ],
+)
+def test_other_files_are_refused(tmp_path, text, message):
+    file = tmp_path / "odd_0.json"
+    file.write_text(text)
+    with pytest.raises(HandtrackError) as error:
+        read_openpose(file, BODY)
+    assert message in str(error.value)
+    assert str(file) in str(error.value)
+
+
+HAND = LAYOUTS["mediapipe21"]
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_hand_that_was_written_is_read_by_its_side_and_as_a_detectors(tmp_path, side):
+    points = np.column_stack([np.arange(21.0), 2.5 * np.arange(21), np.full(21, 0.75)])
+    points[4] = (7.0, 8.0, 0.0)  # not seen
+    file = tmp_path / "000003.json"
+    write_hand(file, points, side, "a test")
+    points[4] = (np.nan, np.nan, 0.0)
+    for layout in (HAND, LAYOUTS[f"hand_{side}"]):
+        assert np.array_equal(read_openpose(file, layout), points, equal_nan=True)
+    assert written_by(file) == "a test"
