@@ -4,20 +4,15 @@
 """
 
 import json
-import os
 import sys
 import threading
 import time
 from pathlib import Path
 
+from handtrack_app.commands.batch_child import _end_with_parent
+
 if __name__ == "__main__":
-
-    def end_with_parent() -> None:
-        while os.read(0, 1):
-            pass
-        os._exit(137)
-
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     folder = Path(sys.argv[2])
     with open(folder.parent / "work.log", "a") as log:
         print("begun", folder.name, file=log, flush=True)

@@ -105,3 +105,4 @@ def test_a_camera_that_goes_is_told_once_and_all_of_them_end_tracking(studio):
 def test_nothing_is_saved_into_the_folder_of_a_live_session(studio):
     studio.worker.engine.save_pose()
     studio.listener.refused()
+    assert not (studio.folder / "tracks").exists()
