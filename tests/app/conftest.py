@@ -38,6 +38,14 @@ def page(bench, wire):
 
 
 @pytest.fixture
+def pages(bench):
+    """Two pages of that workbench."""
+    with WireClient(bench.url) as one, WireClient(bench.url) as other:
+        eventually(lambda: len(bench.server.get_clients()) == 2, "both are there")
+        yield one, other
+
+
+@pytest.fixture
 def left_open(monkeypatch):
     """Stores that a test leaves open, as a crash would, are closed after it; who left them is taken for dead."""
     monkeypatch.setattr("handtrack.store.lease._runs", lambda _holder: False)

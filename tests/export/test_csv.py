@@ -25,11 +25,6 @@ def written(name: str, track: TrackResult, folder: Path) -> list[Path]:
     return file.write(folder / f"poses{file.ending}", ResultsTable(track))
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.mark.parametrize("kind", ["csv", "csv-long", "anipose"])
 def test_c54_a_name_that_begins_a_formula_is_text_and_numbers_stay(kind, rng, tmp_path):
     track = sample_track(rng)
@@ -76,7 +71,9 @@ def test_exports_say_whose_points_they_hold_and_hold_those_asked_for(tmp_path):
             assert str(file["keypoint_definition"]) == landmarks
             held.append(file["keypoints21"])
         assert json.loads((tmp_path / "p.json").read_text())["keypoint_definition"] == landmarks
-        place = [float(rows_of(tmp_path / "p.csv")[0][f"thumb_mcp_{axis}_m"]) for axis in "xyz"]
+        with (tmp_path / "p.csv").open(newline="") as file:
+            cells = next(csv.DictReader(file))
+        place = [float(cells[f"thumb_mcp_{axis}_m"]) for axis in "xyz"]
         assert_allclose(place, held[-1][0, row], atol=1e-8)
     moved = np.linalg.norm(held[1] - held[0], axis=2)
     assert_allclose(

@@ -23,7 +23,6 @@ from handtrack import (
 )
 from handtrack.capture.calibration.rig_file import rig_from_json
 from handtrack.files.versions import keep_version, versions
-from handtrack.session.formats.tables import write_result
 from handtrack.session.takes.take_about import about_take
 from handtrack.session.takes.take_recorder import import_track
 from handtrack.store.record import Record
@@ -111,21 +110,9 @@ def test_what_is_wrong_with_a_file_is_said(rng, tmp_path, changes, message):
     assert message in str(error.value)
 
 
-def test_what_is_written_over_is_kept(rng, tmp_path):
-    """Fault C64."""
-    path = tmp_path / "poses.npz"
-    first, second = sample_track(rng), sample_track(rng)
-    assert write_result(path, first) is None
-    os.utime(path, (1_700_000_000, 1_700_000_000))
-    kept = write_result(path, second)
-    assert kept.parent == tmp_path / "versions"
-    assert kept.name.startswith("poses_2023111")
-    assert_same(read_npz(kept), first)
-    assert_same(read_npz(path), second)
-
-
 @pytest.mark.skipif(not hasattr(time, "tzset"), reason="this system's time zone cannot be changed")
 def test_c59_versions_stay_in_order_when_clocks_are_put_back(tmp_path, monkeypatch):
+    """That a result is kept before it is written over (C64): tests/app/commands/test_cli.py."""
     monkeypatch.setenv("TZ", "Europe/Berlin")
     time.tzset()
     path = tmp_path / "poses.npz"
@@ -211,8 +198,8 @@ def test_a12_whatever_track_file_is_put_there_is_kept_as_a_take(rng, tmp_path):
     assert store.current() == (Span(1, 3, 9),), "what is current is the user's choice"
 
 
-def made_from(folder: Path, frames: range = range(4), **overrides: object) -> dict[str, str]:
-    values = {"model.fit_size": False} | {k.replace("__", "."): v for k, v in overrides.items()}
+def made_from(folder: Path, frames: range = range(4), iterations: int = 30) -> dict[str, str]:
+    values = {"model.fit_size": False, "solver.iterations": iterations}
     run = TrackingRun.open(Session.open(folder), values)
     return dict(about_take(run, "a test", frames, *run.initial()).inputs)
 
@@ -224,7 +211,7 @@ def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:
 def test_whatever_may_change_poses_is_another_beginning(folder):
     before = made_from(folder)
     assert changed(before, made_from(folder, range(3))) == {"frames"}
-    assert changed(before, made_from(folder, solver__iterations=7)) == {"settings"}
+    assert changed(before, made_from(folder, iterations=7)) == {"settings"}
     edit(folder / "session.toml", "fps = 10.0", "fps = 20.0")
     edit(folder / "calibration.toml", "80.0", "81.0")
     assert changed(before, made_from(folder)) == {"session.toml", "calibration.toml"}

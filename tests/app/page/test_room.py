@@ -29,22 +29,21 @@ def test_a_page_gets_what_its_browser_remembers(bench, wire):
     eventually(lambda: said(wire, "ThemeConfigurationMessage")[-1]["dark_mode"] is False, "light")
 
 
-def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench):
-    with WireClient(bench.url) as one, WireClient(bench.url) as other:
-        answer(one, None)
-        answer(other, None)
-        eventually(lambda: len(bench.server.get_clients()) == 2, "both are there")
-        page = Browser(bench, one)
-        page.press("Hide or show the panel")
-        eventually(lambda: folds(bench, one) == [True], "folded")
-        page.press("Light or dark")
-        eventually(lambda: len(said(one, "LocalStorageSetItemMessage")) == 2, "remembered")
-        kept = Taste.read(said(one, "LocalStorageSetItemMessage")[-1]["value"])
-        assert kept == Taste(True, LIGHT)
-        page.press("Hide or show the panel")
-        eventually(lambda: folds(bench, one) == [True, False], "open again")
-        assert folds(bench, other) == []
-        assert all(m["dark_mode"] for m in said(other, "ThemeConfigurationMessage"))
+def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench, pages):
+    one, other = pages
+    answer(one, None)
+    answer(other, None)
+    page = Browser(bench, one)
+    page.press("Hide or show the panel")
+    eventually(lambda: folds(bench, one) == [True], "folded")
+    page.press("Light or dark")
+    eventually(lambda: len(said(one, "LocalStorageSetItemMessage")) == 2, "remembered")
+    kept = Taste.read(said(one, "LocalStorageSetItemMessage")[-1]["value"])
+    assert kept == Taste(True, LIGHT)
+    page.press("Hide or show the panel")
+    eventually(lambda: folds(bench, one) == [True, False], "open again")
+    assert folds(bench, other) == []
+    assert all(m["dark_mode"] for m in said(other, "ThemeConfigurationMessage"))
 
 
 @pytest.mark.parametrize("kept", [None, "", "{", "[]", "7", '{"folded": 3}', '{"folded": true}'])

@@ -100,22 +100,21 @@ def told_value(client, handle):
     return told[-1].get("value") if told else None
 
 
-def test_c42_two_pages_edit_and_the_last_edit_stands(bench):
+def test_c42_two_pages_edit_and_the_last_edit_stands(bench, pages):
     slider = bench.layout.pose.sliders["index_mcp_flex"]
     places = lambda: np.array(bench.stage.hand.flesh.batched_positions)  # noqa: E731
     before, value = places(), slider.value
-    with WireClient(bench.url) as first, WireClient(bench.url) as second:
-        eventually(lambda: len(bench.server.get_clients()) == 2, "both are there")
-        for one, other, angle in ((first, second, 50.0), (second, first, 60.0)):
-            one.set_value(slider, angle)
-            eventually(lambda: told_value(other, slider) == angle, "the other sees it")  # noqa: B023
-        joint = bench.state.names.index("index_mcp_flex")
-        shown = lambda: round(np.rad2deg(bench.stage.pose.values[joint]))  # noqa: E731
-        eventually(lambda: shown() == 60 and not np.allclose(places(), before, atol=1e-3), "the hand follows")  # fmt: skip
-        for _ in range(2):
-            first.set_value(bench.layout.pose.edit_buttons, "Undo")
-        eventually(lambda: np.allclose(places(), before, atol=1e-4), "undone, whoever did it")
-        eventually(lambda: abs(slider.value - value) < 0.06, "the slider, too")
+    first, second = pages
+    for one, other, angle in ((first, second, 50.0), (second, first, 60.0)):
+        one.set_value(slider, angle)
+        eventually(lambda: told_value(other, slider) == angle, "the other sees it")  # noqa: B023
+    joint = bench.state.names.index("index_mcp_flex")
+    shown = lambda: round(np.rad2deg(bench.stage.pose.values[joint]))  # noqa: E731
+    eventually(lambda: shown() == 60 and not np.allclose(places(), before, atol=1e-3), "the hand follows")  # fmt: skip
+    for _ in range(2):
+        first.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: np.allclose(places(), before, atol=1e-4), "undone, whoever did it")
+    eventually(lambda: abs(slider.value - value) < 0.06, "the slider, too")
     assert bench.door.messages.refused == 0
 
 
