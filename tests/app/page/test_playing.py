@@ -3,23 +3,31 @@
 import time
 from types import SimpleNamespace
 
+import pytest
+
 from handtrack_app.page.page import UserState
 from handtrack_app.page.player import Player
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 
-def test_no_more_than_two_frames_are_on_their_way(bench):
+@pytest.fixture
+def asked(bench):
+    """The frames that the engine is asked for."""
+    frames, send = list[int](), bench.worker.send
+
+    def sent(call):
+        if call.name == "show_frame":
+            frames.append(call.arguments["frame"])
+        send(call)
+
+    bench.worker.send = sent
+    return frames
+
+
+def test_no_more_than_two_frames_are_on_their_way(bench, asked):
     with WireClient(bench.url, draws=False) as wire:
         eventually(bench.server.get_clients, "it is there")
-        asked, send = list[int](), bench.worker.send
-
-        def sent(call):
-            if call.name == "show_frame":
-                asked.append(call.arguments["frame"])
-            send(call)
-
-        bench.worker.send = sent
         bench.page.play(True)
         eventually(lambda: len(asked) == 2, "it draws none of them")
         time.sleep(0.3)
@@ -33,15 +41,8 @@ def test_no_more_than_two_frames_are_on_their_way(bench):
         assert len(asked) == 3 and answered >= 2, "it takes the frame, and has drawn it"
 
 
-def test_nothing_is_played_while_no_page_is_open(bench):
+def test_nothing_is_played_while_no_page_is_open(bench, asked):
     """The demo plays by itself, and its page may be closed, or never be opened: the program rests then."""
-    asked, send = list[int](), bench.worker.send
-
-    def sent(call):
-        asked.extend([1] if call.name == "show_frame" else [])
-        send(call)
-
-    bench.worker.send = sent
     bench.page.play(True)
     time.sleep(0.5)
     assert not asked, "nobody sees it"

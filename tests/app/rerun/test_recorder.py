@@ -17,7 +17,7 @@ from handtrack_app.rerun import recorder as residual_recorder
 from handtrack_app.rerun.recorder import LiveRecorder, ResidualRecorder
 from handtrack_app.rerun.stream import log_cameras, log_space
 from tests.app.cloudy_session import cloudy_session
-from tests.app.command_line import CommandLine, small_recording
+from tests.app.command_line import small_recording
 from tests.app.desk import a_desk
 from tests.app.rerun.test_stream import chunks, picture, scalars
 from tests.app.waiting import eventually
@@ -136,9 +136,8 @@ def test_pictures_are_dropped_before_a_viewer_alone_and_numbers_are_not(
     assert painted == 40 - recorder.without_pictures
 
 
-def test_the_command_records_and_says_where(run, tmp_path, capsys):
+def test_the_command_records_and_says_where(run, tmp_path, handtrack):
     path = tmp_path / "residuals" / "run.rrd"
-    handtrack = CommandLine(capsys)
     out = tmp_path / "poses.npz"
     words = ["track", run.session.folder, "--out", out, "--rerun-save", path, "--rerun-frame", 1]
     ended = handtrack.does(*words)
