@@ -99,7 +99,7 @@ def test_a_recording_is_made_in_the_browser(start, folder, tmp_path):
         client.set_value(start.tracked, "left hand")
         client.set_value(start.masks, "none")
         client.set_value(start.make, True)
-        eventually(lambda: start.chosen is not None, "made", 60.0)
+        eventually(lambda: start.chosen is not None, "made")
     made = Session.open(tmp_path / "my take_handtrack")
     assert start.wait() == made.folder
     assert made.file.hand.side == "left" and made.frame_count == 100

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,13 +10,14 @@ import numpy as np
 import pytest
 
 from handtrack import HandtrackError, Session, bundled_session
-from handtrack.detector.hand_detector import DetectedHand, HandDetector, whole_image
+from handtrack.detector.hand_detector import HandDetector
 from handtrack.session.formats.truth import read_truth
 from handtrack_app.commands import detection, track
 from tests.app.command_line import refused
 from tests.capture.calibration_forms.hostile import HOSTILE
 from tests.capture.calibration_forms.test_calibration_forms import fisheyes
 from tests.capture.sample_files import rig_of_two, sample
+from tests.detector.fake_detector import FakeDetector, hand_at
 from tests.live_cameras import clip
 from tests.session.small_session import edit
 from tests.session.test_truth import moving
@@ -94,17 +96,13 @@ def test_links_are_read_by_who_made_them_alone(handtrack, tmp_path, monkeypatch)
         Session.open(made)
 
 
-class OneHand:
-    """Stands in for the detector: sees a hand in every image but the first frame's, of one side."""
+class OneHand(FakeDetector):
+    """Sees a hand in every image but the first frame's, of one side."""
 
-    backend = "fake"
     right = 0.98
 
-    def find(self, image, most):
-        return [whole_image(image.shape[1], image.shape[0])] if image.mean() > 4 else []
-
-    def hand(self, image, region):
-        return DetectedHand(np.zeros((21, 2)), 0.9, self.right)
+    def seen(self, image):
+        return [replace(hand_at(320, 240), right=self.right)] if image.mean() > 4 else []
 
 
 def test_the_side_is_seen_and_what_follows_is_done(handtrack, tmp_path, monkeypatch):

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack import HandtrackError, Session, TrackingRun
+from handtrack import HandtrackError, Session
 from handtrack.session.doctor.examine import examine
 from handtrack.session.posed_frames import keyframe_result
 from handtrack.tracking.whole.refinement import CameraError, Refinement
-from handtrack_app.engine.document import Document
+from handtrack_app.engine import opening
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.snapshots import TimelineSnapshot
@@ -21,8 +21,7 @@ LATE, NAME = 2.0, "cam1"
 
 
 def _opened(folder):
-    run = TrackingRun.open(Session.open(folder), {"model.fit_size": "false"})
-    store = Persistence.open(Document(run, *run.initial()))
+    store = Persistence.open(opening.document(opening.opened(folder)))
     store.restore()
     return store
 

