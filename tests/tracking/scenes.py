@@ -31,9 +31,11 @@ def on_surface(model, params, count, rng, eye=None):
 
 
 def joints_seen(cameras, points, off_px=0.0, sigma_px=2.0):
-    """Return a hand's keypoints (21, 3) as cameras see them, beside by off_px."""
+    """Return a hand's keypoints (21, 3) as cameras see them; off_px: how far beside, of all or of each camera (C, 21, 2)."""
+    beside = np.broadcast_to(off_px, (len(cameras), 21, 2))
     return tuple(
-        ImageKeypoints(c, keypoint_names(), c.project(points) + off_px, sigma_px) for c in cameras
+        ImageKeypoints(c, keypoint_names(), c.project(points) + off, sigma_px)
+        for c, off in zip(cameras, beside, strict=True)
     )
 
 

@@ -226,10 +226,7 @@ def test_the_stated_doubt_of_a_length_is_the_true_one(lasts):
         noise = np.random.default_rng(seed).normal(scale=4.0, size=(6, 3, 21, 2))
         problems = []
         for errors, points in zip(noise, points_of(poses, filmed), strict=True):
-            errors = noise[0] if lasts else errors
-            seen = [
-                joints_seen([c], points, px, 4.0)[0] for c, px in zip(CAMERAS, errors, strict=True)
-            ]
+            seen = joints_seen(CAMERAS, points, noise[0] if lasts else errors, 4.0)
             problems.append(Problem(HAND, [KeypointTerm(HAND, each) for each in seen], [prior]))
         scale, _ = fit_size(problems, list(poses), repeated=6.0 if lasts else 1.0)
         missed = hand_length_mm(WHO.build(scale)) - hand_length_mm(filmed)
