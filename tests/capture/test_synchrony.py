@@ -35,21 +35,15 @@ def pictures(seen_by: Camera, late: float, rng: np.random.Generator) -> list[Arr
     return frames
 
 
-def two_stretches(name: str, turn: float, late: float) -> tuple[ImageMotion, ImageMotion]:
-    seen_by, rng = camera(name, turn), np.random.default_rng(ord(name))
-    frames = pictures(seen_by, late, rng)
-    half = FRAMES // 2
-    return ImageMotion(seen_by, frames[:half]), ImageMotion(seen_by, frames[half:])
-
-
 @pytest.mark.parametrize("offsets", [(0, -0.4, 2.4, 0), (0,) * 5, (0, 5, 0, 0), (2, 0)])
 def test_all_cameras_are_told_to_a_tenth_or_two(offsets):
     """And those that are late beside the most are sure, or of a pair the second."""
     turns = np.linspace(-1.2, 1.4, len(offsets))
-    motions = [
-        two_stretches(chr(97 + i), t, o)
-        for i, (t, o) in enumerate(zip(turns, offsets, strict=True))
-    ]
+    motions, half = [], FRAMES // 2
+    for i, (turn, late) in enumerate(zip(turns, offsets, strict=True)):
+        seen_by = camera(f"cam{i}", turn)
+        frames = pictures(seen_by, late, np.random.default_rng(97 + i))
+        motions.append((ImageMotion(seen_by, frames[:half]), ImageMotion(seen_by, frames[half:])))
     found = time_offsets(motions)
     apart = np.array([found[i].frames for i in range(len(offsets))]) - offsets
     assert np.abs(apart - np.median(apart)).max() <= 0.2 + 1e-9

@@ -206,9 +206,8 @@ def bvh(folder: Path, moves: list[tuple[float, ...]]) -> Path:
         f"0 90 0 0 0 0 {' '.join(map(str, m[:3]))} 0 0 0 {' '.join(map(str, m[3:]))} 0 0 0"
         for m in moves
     ]
-    path = folder / "a.bvh"
-    path.write_text(POINTS + "MOTION\nFrames: 2\nFrame Time: 0.04\n" + "\n".join(rows) + "\n")
-    return path
+    text = POINTS + "MOTION\nFrames: 2\nFrame Time: 0.04\n" + "\n".join(rows) + "\n"
+    return written(folder, text)
 
 
 @pytest.mark.parametrize("case", MEANT)

@@ -1,6 +1,7 @@
 """A poor cloud that alone holds the hand: its depths are doubted, the palm stays where it is, and it is said."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ FRAMES = 5
 TRUTH = motion(MODEL, "open_fist_open", 100, np.random.default_rng(0))[:FRAMES]
 
 
+@cache
 def views(sensor):
     return list(depth_views(MODEL, TRUTH, sensor, np.random.default_rng(3)))
 
@@ -36,18 +38,8 @@ def palm_mm(result, joint):
     return 1e3 * np.linalg.norm(result.joint_positions[at] - truth[at], axis=1).mean()
 
 
-@pytest.fixture(scope="module")
-def poor():
-    return views(DIGICLOPS)
-
-
-@pytest.fixture(scope="module")
-def good():
-    return views(FINE)
-
-
-def test_a_good_cloud_is_left_to_all_joints(good):
-    seen = good[:2]
+def test_a_good_cloud_is_left_to_all_joints():
+    seen = views(FINE)[:2]
     results = tracked(seen)
     assert [r.status for r in results] == [Status.TRACKED] * 2
     assert not any(r.poor_cloud for r in results)
@@ -61,9 +53,9 @@ PERSON = HandScale(1.1, {"index": 0.97}, {"palm_breadth": 1.0, "finger_share": -
 
 
 @pytest.mark.parametrize(("kind", "within_mm"), [("auto", 10.0), ("glove9", 40.0), ("ball6", 40.0)])
-def test_a_poor_cloud_moves_the_palm_and_says_so(poor, kind, within_mm):
+def test_a_poor_cloud_moves_the_palm_and_says_so(kind, within_mm):
     model = MODEL if kind == "auto" else load_model(scale=PERSON)
-    results = tracked(poor, model, **{"model.fallback": kind})
+    results = tracked(views(DIGICLOPS), model, **{"model.fallback": kind})
     for result, joint in zip(results, TRUTH, strict=True):
         assert result.status == Status.DOUBTFUL
         assert result.poor_cloud
@@ -78,9 +70,9 @@ def test_a_poor_cloud_moves_the_palm_and_says_so(poor, kind, within_mm):
             assert_array_equal(result.parameters[6:], results[0].parameters[6:])
 
 
-def test_depths_are_doubted_not_directions(poor):
+def test_depths_are_doubted_not_directions():
     """Points that moved by centimetres along their lines of sight leave the palm where it is; moved aside they take it along."""
-    seen = poor[1]
+    seen = views(DIGICLOPS)[1]
     points, centre = seen.cloud.points, seen.cloud_views[0][0]
     wrong = points[:, 0] > np.median(points[:, 0]) + 0.01
     deeper = centre + (points - centre) * np.where(wrong, 1.06, 1.0)[:, None]
@@ -97,13 +89,13 @@ def test_depths_are_doubted_not_directions(poor):
     assert palm_mm(found(aside), TRUTH[1]) > 9.0
 
 
-def test_what_no_line_of_sight_meets_may_be_a_hole(poor, good):
+def test_what_no_line_of_sight_meets_may_be_a_hole():
     """A patch of the hand beside all lines costs log 2, however far; deeper or nearer on them it costs nothing."""
     calm, params = poor_cloud_settings(TrackerSettings()), MODEL.transform.solver_params(TRUTH[0])
-    seen = see_cloud(good[0], MODEL, MODEL.bones(params), calm)
+    seen = see_cloud(views(FINE)[0], MODEL, MODEL.bones(params), calm)
     _, holes = cloud_terms(seen, MODEL, 1.2)
     patches = holes.weight * len(holes.bone)
-    sight = TRUTH[0][:3] - poor[0].cloud_views[0][0]
+    sight = TRUTH[0][:3] - views(DIGICLOPS)[0].cloud_views[0][0]
 
     def cost(place):
         return holes.cost(MODEL.bones(params + np.r_[place, np.zeros(len(params) - 3)])) / patches
