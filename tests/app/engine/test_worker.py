@@ -48,28 +48,33 @@ def test_a_pose_is_moved_into_its_limits(worker, listener):
     assert pose.origin == "set"
 
 
-def test_cancel_takes_effect_within_the_frame_under_way(tmp_path):
-    for worker, listener in a_desk(tmp_path, stuck=lambda frame: frame == 5):
+@pytest.fixture
+def halted(tmp_path):
+    """A worker that tracks and stands at frame 5 until the event is set."""
+    go_on = threading.Event()
+    for worker, listener in a_desk(tmp_path, stuck=lambda f: f == 5 and not go_on.is_set()):
         worker.engine.track(0, FRAMES, 3)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
-        worker.engine.cancel()
-        listener.told("Cancelled")
-        assert sorted(worker.document.results) == [3, 4]
+        yield worker, listener, go_on
 
 
-def test_a14_pause_holds_with_every_frame_on_disk_and_goes_on(tmp_path):
-    held, store = threading.Event(), Store(tmp_path / "tracks")
-    for worker, listener in a_desk(tmp_path, stuck=lambda frame: frame == 5 and not held.is_set()):
-        worker.engine.track(0, FRAMES, 3)
-        listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
-        worker.engine.pause(True)
-        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "paused")
-        eventually(lambda: store.frames_of(1) == (3, 4), "what is shown is on disk")
-        held.set()
-        time.sleep(0.3)
-        assert sorted(worker.document.results) == [3, 4]
-        worker.engine.pause(False)
-        listener.told("Tracking finished")
+def test_cancel_takes_effect_within_the_frame_under_way(halted):
+    worker, listener, _ = halted
+    worker.engine.cancel()
+    listener.told("Cancelled")
+    assert sorted(worker.document.results) == [3, 4]
+
+
+def test_a14_pause_holds_with_every_frame_on_disk_and_goes_on(halted, tmp_path):
+    (worker, listener, go_on), store = halted, Store(tmp_path / "tracks")
+    worker.engine.pause(True)
+    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "paused")
+    eventually(lambda: store.frames_of(1) == (3, 4), "what is shown is on disk")
+    go_on.set()
+    time.sleep(0.3)
+    assert sorted(worker.document.results) == [3, 4]
+    worker.engine.pause(False)
+    listener.told("Tracking finished")
 
 
 def test_a_mistake_of_ours_ends_the_job_and_not_the_worker(tmp_path):
@@ -82,48 +87,38 @@ def test_a_mistake_of_ours_ends_the_job_and_not_the_worker(tmp_path):
 
 
 def test_a6_a_disk_that_is_full_when_tracking_ends_is_told_and_the_page_goes_on(
-    tmp_path, monkeypatch
+    halted, monkeypatch
 ):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    is_full = threading.Event()
-    for worker, listener in a_desk(tmp_path, stuck=lambda f: f == 5 and not is_full.is_set()):
-        with monkeypatch.context() as patch:
-            worker.engine.track(0, FRAMES, 3)
-            listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
-            patch.setattr("os.write", full)
-            is_full.set()
-            listener.refused()
-            listener.told("save the track once there is room")
-            worker.engine.show_frame(2)
-            listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 2)
-        assert not worker.busy
-        worker.engine.save_track()
-        listener.told("Track saved")
+    worker, listener, go_on = halted
+    with monkeypatch.context() as patch:
+        patch.setattr("os.write", full)
+        go_on.set()
+        listener.refused()
+        listener.told("save the track once there is room")
+        worker.engine.show_frame(2)
+        listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 2)
+    assert not worker.busy
+    worker.engine.save_track()
+    listener.told("Track saved")
 
 
-def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(tmp_path, monkeypatch):
-    with_arm, is_saved = load_model("hand26", forearm=True), threading.Event()
-    for worker, listener in a_desk(tmp_path, stuck=lambda f: f == 5 and not is_saved.is_set()):
-        worker.engine.track(0, FRAMES, 3)
-        listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
-        monkeypatch.setattr(
-            FakeRun,
-            "with_arm_in_view",
-            lambda run, *_: replace(run, model=with_arm, arm_m=np.inf),
-        )
-        worker.engine.save_pose()
-        listener.told("First-frame pose saved")
-        is_saved.set()
-        listener.told("Tracking finished")
-        assert not any(notice.level == "error" for notice in listener.notices)
-        assert len(worker.document.results) == FRAMES
-        worker.engine.save_pose()  # now it may
-        listener.wait(
-            snapshots.SessionSnapshot,
-            lambda s: s.parameter_names == with_arm.parameter_names,
-        )
+def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(halted, monkeypatch):
+    worker, listener, go_on = halted
+    with_arm = load_model("hand26", forearm=True)
+    armed = lambda run, *_: replace(run, model=with_arm, arm_m=np.inf)  # noqa: E731
+    monkeypatch.setattr(FakeRun, "with_arm_in_view", armed)
+    worker.engine.save_pose()
+    listener.told("First-frame pose saved")
+    go_on.set()
+    listener.told("Tracking finished")
+    assert not any(notice.level == "error" for notice in listener.notices)
+    assert len(worker.document.results) == FRAMES
+    worker.engine.save_pose()  # now it may
+    names = with_arm.parameter_names
+    listener.wait(snapshots.SessionSnapshot, lambda told: told.parameter_names == names)
 
 
 def test_a_camera_that_the_others_contradict_is_named_when_a_track_is_opened_again(
