@@ -31,9 +31,9 @@ CAMERAS = read_cameras(bundled_session() / "calibration.toml")
 
 
 def posed(bend: float = 0.5) -> np.ndarray:
-    joint = HAND.rest.copy()
-    joint[list(HAND.parameter_names).index("index_pip_flex")] = bend
-    return HAND.clipped(HAND.transform.solver_params(joint))
+    params = HAND.rest_params()
+    params[HAND.parameter_names.index("index_pip_flex")] = bend
+    return params
 
 
 def points(params: np.ndarray, frame: int = 0) -> Observation:
@@ -136,7 +136,7 @@ def test_gradient_and_hessian(rng):
 def test_terms_and_priors_of_ones_own_count():
     start = posed()
     gap = JointPositionTerm(HAND, TIPS, lambda at: (at[0] - at[1]) / 0.0005, name="touch")
-    bend = list(HAND.parameter_names).index("ring_pip_flex")
+    bend = HAND.parameter_names.index("ring_pip_flex")
     wanted, sigma = HAND.rest.copy(), np.full(26, np.inf)
     wanted[bend], sigma[bend] = 1.2, 0.01
     prior = GaussianPrior(wanted, sigma, "bent")

@@ -20,7 +20,7 @@ from handtrack.tracking.whole.alternatives import with_alternatives
 from handtrack.tracking.whole.evidence import Evidence, Recording
 from handtrack.tracking.whole.mode_search import Minimum, ModeSearch, Trellis
 from handtrack.tracking.whole.recording_estimate import refine
-from tests.tracking.scenes import bent, posed
+from tests.tracking.scenes import bent, off_mm, posed
 
 HAND = load_model()
 CAMERAS = simulated_rig(2, (320, 240)).cameras
@@ -79,8 +79,7 @@ def _tracked(poses, views):
 
 
 def _off_mm(result, pose):
-    truth = HAND.keypoints21(HAND.bones(pose))
-    return 1e3 * np.linalg.norm(result.keypoints21 - truth, axis=1).max()
+    return off_mm(result, HAND, pose).max()
 
 
 def test_a_finger_that_one_frame_has_wrong_goes_with_those_beside_it(turning):
