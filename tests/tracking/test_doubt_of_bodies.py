@@ -43,11 +43,16 @@ STEPPING = BODY.params_from({"left_shoulder_flex": 0.5, "right_hip_flex": 0.6, "
 """an arm held out to the front and a knee bent: of both the mirror image is a pose, too"""
 
 
+def places_of(pose: np.ndarray) -> np.ndarray:
+    """Return the body's joints (J, 3) in a pose."""
+    return BODY.joint_positions(BODY.bones(pose))
+
+
 def joints_of_body(
     pose: np.ndarray, *cameras: Camera, off_px: Floats = np.zeros(2), sigma_px: float = 10.0
 ) -> Observation:
     """Return where cameras see a body's joints."""
-    places = BODY.joint_positions(BODY.bones(pose))
+    places = places_of(pose)
     joints = [
         ImageKeypoints(c, BODY.joint_names, c.project(places) + off_px, sigma_px) for c in cameras
     ]
@@ -58,8 +63,8 @@ def _flipped(pose: np.ndarray) -> np.ndarray:
     """Return the pose with its left arm flipped as far as it goes."""
     chain = chain_along(BODY, "arm", ("left_shoulder", "left_elbow", "left_wrist"))
     leaves = interpretation_tree(BODY, pose, [chain], FRONT).params
-    places = [BODY.joint_positions(BODY.bones(leaf))[WRIST] for leaf in leaves]
-    far = np.linalg.norm(places - BODY.joint_positions(BODY.bones(pose))[WRIST], axis=1)
+    places = [places_of(leaf)[WRIST] for leaf in leaves]
+    far = np.linalg.norm(places - places_of(pose)[WRIST], axis=1)
     return leaves[int(far.argmax())]
 
 
@@ -94,7 +99,7 @@ def test_a_body_in_one_camera_is_doubtful_and_in_two_it_is_not():
         )
         last = {result.frame: result for result in path}.values()
         status[name] = {result.status for result in last}
-        places = BODY.joint_positions(BODY.bones(true))
+        places = places_of(true)
         for result in last:
             off = np.linalg.norm(result.joint_positions - places, axis=1)
             stated = np.sqrt(np.trace(result.joint_covariance, axis1=1, axis2=2))
@@ -131,16 +136,11 @@ def _way(poses: np.ndarray, *cameras: Camera) -> TrajectoryHypothesis:
     return TrajectoryHypothesis(found, evidence, "followed")
 
 
-def _places(poses: np.ndarray) -> np.ndarray:
-    return np.array([BODY.joint_positions(BODY.bones(pose)) for pose in poses])
-
-
 def test_limbs_are_flipped_in_all_frames_alone_and_together():
     ways = trajectory_hypotheses(_way(_reaching(), FRONT), FRAMES, 6)
-    best, *others = ways
     assert [way.cost for way in ways] == sorted(way.cost for way in ways)
-    away = [_places(way.found.poses) - _places(best.found.poses) for way in others]
-    deep = [np.abs(off @ FRONT.rotation[2]).max(axis=1) for off in away]
+    places = [np.array([places_of(pose) for pose in way.found.poses]) for way in ways]
+    deep = [np.abs((off - places[0]) @ FRONT.rotation[2]).max(axis=1) for off in places[1:]]
     assert any((frames > 0.1).all() for frames in deep)
     assert any(way.origin.count(" flipped") == 2 for way in ways)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack import Observation, Status, Tracker, TrackerSettings, TrackerState
-from tests.tracking.test_doubt_of_bodies import BODY, FRONT, SIDE, joints_of_body
+from tests.tracking.test_doubt_of_bodies import BODY, FRONT, SIDE, joints_of_body, places_of
 
 ARM = ("left_shoulder_abd", "left_shoulder_flex", "left_elbow_flex")
 TRUTH = [
@@ -37,10 +37,6 @@ def _tracked(observations):
     return results
 
 
-def _places(params):
-    return BODY.joint_positions(BODY.bones(params))
-
-
 @pytest.fixture(scope="module")
 def observations():
     return _seen(FRONT)
@@ -48,9 +44,9 @@ def observations():
 
 def test_one_of_few_is_near_the_truth_and_another_is_a_flip(observations):
     """Both look alike: within the noise in the image, decimetres apart in space."""
-    true, seen = _places(TRUTH[-1]), observations[-1].keypoints[0]
+    true, seen = places_of(TRUTH[-1]), observations[-1].keypoints[0]
     held = _tracked(observations)[-1].alternatives[:3]
-    shapes = [_places(BODY.transform.solver_params(h.parameters)) for h in held]
+    shapes = [places_of(BODY.transform.solver_params(h.parameters)) for h in held]
     off = [np.linalg.norm((s - s[0]) - (true - true[0]), axis=1).mean() for s in shapes]
     assert min(off) < 0.06
     for shape in shapes:
@@ -76,5 +72,5 @@ def test_hypotheses_survive_frames_without_anything_seen(observations):
 def test_two_cameras_leave_one_pose():
     """What a second camera sees decides between flips: nearly all the weight is on the truth."""
     last = _tracked(_seen(FRONT, SIDE)[:3])[-1]
-    assert np.linalg.norm(last.joint_positions - _places(TRUTH[2]), axis=1).mean() < 0.02
+    assert np.linalg.norm(last.joint_positions - places_of(TRUTH[2]), axis=1).mean() < 0.02
     assert last.alternatives[0].weight > 0.9
