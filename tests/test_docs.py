@@ -21,7 +21,7 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 SHORT = range(3)
 
 
-def name(page: Path) -> str:
+def name(page):
     return str(page.relative_to(REPOSITORY))
 
 
@@ -31,7 +31,7 @@ def blocks(page: Path, language: str) -> list[str]:
     return [body for kind, body in found if kind == language]
 
 
-def anchors(page: Path) -> set[str]:
+def anchors(page):
     """Return the anchors of a page's headings."""
     text = FENCE.sub("", page.read_text(encoding="utf-8"))
     titles = re.findall(r"^#+ +(.*)$", text, re.MULTILINE)
@@ -39,7 +39,7 @@ def anchors(page: Path) -> set[str]:
     return {title.replace(" ", "-") for title in plain}
 
 
-def broken_links(page: Path) -> list[str]:
+def broken_links(page):
     text = FENCE.sub("", page.read_text(encoding="utf-8"))
     wrong = []
     for link in LINK.findall(text):
@@ -54,7 +54,7 @@ def broken_links(page: Path) -> list[str]:
     return wrong
 
 
-def commands(page: Path) -> list[list[str]]:
+def commands(page):
     """Return the `handtrack …` lines of a page's shell blocks, as arguments."""
     lines = [line.strip() for body in blocks(page, "sh") for line in body.replace("\\\n", " ").splitlines()]  # fmt: skip
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("handtrack ")]

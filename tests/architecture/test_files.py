@@ -2,7 +2,6 @@
 
 import re
 import subprocess
-from pathlib import Path
 
 import pytest
 
@@ -20,7 +19,7 @@ MACHINE_PATH = re.compile(
 BINARY = {".png", ".jpg", ".mp4", ".npz", ".ply", ".gif", ".ico", ".glb", ".webp", ".avi", ".mkv"}
 
 
-def committed() -> list[Path]:
+def committed():
     """Return the files git knows or would add: none where there is no repository."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
     listed = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)

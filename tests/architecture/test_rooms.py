@@ -2,9 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterator
 from graphlib import TopologicalSorter
-from pathlib import Path
 
 from tests.conftest import REPOSITORY
 
@@ -16,7 +14,7 @@ APP = REPOSITORY / "app" / "handtrack_app"
 
 SOLVING = {"geometry", "observation", "model", "terms", "solver"}
 FRAMES = SOLVING | {"sampling", "tracking.frame"}
-ARROWS: dict[str, set[str]] = {
+ARROWS = {
     "files": set(),
     "geometry": set(),
     "capture": {"files", "geometry"},
@@ -46,11 +44,11 @@ ARROWS: dict[str, set[str]] = {
 """room → the rooms it imports; `bench` alone may import all of them"""
 
 
-def core_files() -> list[Path]:
+def core_files():
     return sorted(path for path in CORE.rglob("*.py") if path != CORE / "__init__.py")
 
 
-def imported(path: Path) -> Iterator[tuple[int, str]]:
+def imported(path):
     """Yield line and full module name of every import of a file, inside functions too."""
     package = list(path.relative_to(REPOSITORY).parts[:-1])
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -63,7 +61,7 @@ def imported(path: Path) -> Iterator[tuple[int, str]]:
             yield from ((node.lineno, f"{base}.{name.name}") for name in node.names)
 
 
-def room(module: str) -> str | None:
+def room(module):
     """Return the room of a module of the core, None for other modules."""
     parts = module.split(".")
     if parts[0] != "handtrack" or len(parts) < 2:
@@ -72,7 +70,7 @@ def room(module: str) -> str | None:
     return inner if inner in ARROWS else parts[1]
 
 
-def broken_rules(path: Path) -> list[str]:
+def broken_rules(path):
     own = room(".".join(path.relative_to(REPOSITORY).with_suffix("").parts))
     allowed = GROUND if own not in ARROWS else GROUND | ARROWS[own] | {own}
     where = path.relative_to(REPOSITORY)

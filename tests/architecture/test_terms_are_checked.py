@@ -8,7 +8,7 @@ BASES = {"ObservationTerm", "SurfaceTerm", "ParameterTerm", "FieldTerm"}
 CHECKS = ("check_observation_term", "check_parameter_term")
 
 
-def terms() -> list[str]:
+def terms():
     """Return the classes of handtrack/terms that are terms."""
     found = []
     for path in sorted((REPOSITORY / "handtrack" / "terms").rglob("*.py")):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from handtrack import Camera, CameraRig, HandtrackError
+from handtrack import CameraRig, HandtrackError
 from handtrack.capture.calibration.board_views import (
     BoardView,
     CameraViews,
@@ -17,7 +17,6 @@ from handtrack.capture.calibration.board_views import (
     search_views,
 )
 from handtrack.capture.calibration.boards import (
-    Board,
     CharucoBoard,
     Chessboard,
     draw_board,
@@ -135,7 +134,7 @@ def test_against_opencv_s_stereo_chessboard(data_dir):
 PER_MM = 2.0
 
 
-def looking_at_boards(name, focal, centre, distortions) -> Camera:
+def looking_at_boards(name, focal, centre, distortions):
     """Return a camera at `centre` looking at where boards are waved, world y down."""
     forward = np.subtract((0, 0, 0.45), centre)
     rotation = looking_along(forward / np.linalg.norm(forward), np.array([0.0, 1.0, 0.0]))
@@ -145,7 +144,7 @@ def looking_at_boards(name, focal, centre, distortions) -> Camera:
     )
 
 
-def board_poses(board: Board, count: int, rng):
+def board_poses(board, count, rng):
     """Return T_world_board (4, 4) of a board waved about (0, 0, 0.45), its front to the cameras."""
     middle = np.append(board.points[:, :2].mean(axis=0), 0)
     poses = []
@@ -159,7 +158,7 @@ def board_poses(board: Board, count: int, rng):
     return poses
 
 
-def photograph(camera: Camera, board: CharucoBoard, pose, rng) -> np.ndarray:
+def photograph(camera, board, pose, rng):
     """Return the image (H, W) uint8 of a board at T_world_board by a camera without distortion."""
     page, pixel = draw_board(board, PER_MM), 1e-3 / PER_MM
     margin = 0.5e-3 * page_size_mm(board)[0] - 0.5 * board.squares[0] * board.square_m

@@ -1,7 +1,5 @@
 """Calibration files: read, written, refused."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -26,7 +24,7 @@ error = 0.3
 """
 
 
-def write(path: Path, text: str) -> Path:
+def write(path, text):
     path.write_text(text)
     return path
 

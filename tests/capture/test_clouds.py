@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from handtrack import Camera, HandtrackError, PointCloud
+from handtrack import HandtrackError, PointCloud
 from handtrack.capture.clouds import cloud_files
 from handtrack.capture.clouds import cloud_filters as filters
 from handtrack.capture.clouds.cloud_files import read_cloud, read_ply, write_cloud
@@ -19,7 +19,7 @@ from tests.cameras import pinhole
 
 
 @pytest.fixture
-def cloud(rng) -> PointCloud:
+def cloud(rng):
     points = rng.normal(size=(50, 3)).astype(np.float32).astype(float)
     return PointCloud(points, rng.integers(0, 256, (50, 3)).astype(np.uint8))
 
@@ -62,7 +62,7 @@ def test_huge_clouds_are_read_in_part(suffix, tmp_path, monkeypatch, rng):
 PLY = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
 
 
-def named(old: str, new: str) -> bytes:
+def named(old, new):
     return PLY.replace(old, new).encode()
 
 
@@ -108,7 +108,7 @@ def test_what_any_camera_has_in_range_stays():
     assert filters.within_range(points, np.array(second), 0.1, 1.5).tolist() == [False, True, True]
 
 
-def patch(rng: np.random.Generator, centre, count=2000, side=0.1):
+def patch(rng, centre, count=2000, side=0.1):
     """A square of points facing the camera."""
     flat = rng.uniform(-side / 2, side / 2, (count, 2))
     return np.column_stack([flat, rng.normal(0, 1e-4, count)]) + np.array(centre)
@@ -188,7 +188,7 @@ def test_the_chain_reports_every_step(rng):
     assert len(left) == reports[-1].after == 500
 
 
-def camera(distortions=(0, 0, 0, 0, 0)) -> Camera:
+def camera(distortions=(0, 0, 0, 0, 0)):
     rotation = rotation_matrix(np.array([0.3, -0.2, 0.1]))
     return pinhole("kinect", (160, 120), (300, 310), rotation, (0.1, 0.2, 0.3), distortions)
 

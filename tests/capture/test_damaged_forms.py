@@ -1,15 +1,13 @@
 """Damaged and hostile files of every form."""
 
-from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 import handtrack.capture.images.video as video_module
-from handtrack import CameraRig, HandtrackError
+from handtrack import HandtrackError
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.resolve import named, sized, unit_of
 from handtrack.capture.images.containers import CAPTURE_OPTIONS
@@ -37,7 +35,7 @@ _PIECES = [
 ]
 
 
-def damaged(data: bytes, rng: np.random.Generator) -> bytes:
+def damaged(data, rng):
     """Return bytes with some changed, taken out, put in or repeated, or the end cut off."""
     for _ in range(rng.choice([1, 1, 2, 5])):
         at = int(rng.integers(max(len(data), 1)))
@@ -48,14 +46,14 @@ def damaged(data: bytes, rng: np.random.Generator) -> bytes:
     return data
 
 
-def settled(paths: list[Path]) -> CameraRig:
+def settled(paths):
     given = sized(
         named(read_calibration(paths), ["cam0", "cam1"], "it")[0], {"cam0": (640, 480)}, "it"
     )
     return given.rig(unit_of(given).unit_m or 1.0)
 
 
-READ: dict[str, Callable[[list[Path]], object]] = {
+READ = {
     "calibration": settled,
     "hands": lambda paths: read_joints(str(paths[0]), "it").hand("right", "it"),
     "bodies": lambda paths: read_joints(str(paths[0]), "it"),
@@ -103,7 +101,7 @@ PLAYLISTS = {
 }
 
 
-def write_video(path: Path, code: str = "mp4v") -> Path:
+def write_video(path, code="mp4v"):
     return filmed(path, (np.full((48, 64, 3), 40 * n, np.uint8) for n in range(5)), code)
 
 

@@ -1,8 +1,6 @@
 """Frames: numbered files, videos, raw mosaics, and images that are cut off."""
 
 import struct
-from collections.abc import Mapping
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -24,13 +22,13 @@ from tests.capture.mosaics import mosaic_of
 from tests.capture.sample_files import filmed
 
 
-def written(folder: Path, images: Mapping[str, np.ndarray]) -> list[Path]:
+def written(folder, images):
     for name, image in images.items():
         cv2.imwrite(str(folder / name), image)
     return [folder / name for name in images]
 
 
-def picture(value: int) -> np.ndarray:
+def picture(value):
     return np.full((48, 64), value, np.uint8)
 
 
@@ -103,7 +101,7 @@ def test_what_only_looks_like_a_mask_is_refused(image, expected, tmp_path):
 FRAMES = 90
 
 
-def striped(frame: int) -> np.ndarray:
+def striped(frame):
     """The frame's number as eight black and white stripes, which no codec can blur away."""
     bits = [(frame >> bit) & 1 for bit in range(8)]
     stripes = np.repeat(np.array(bits, np.uint8) * 255, 8)
@@ -111,12 +109,12 @@ def striped(frame: int) -> np.ndarray:
 
 
 @pytest.fixture
-def clip(tmp_path: Path) -> Path:
+def clip(tmp_path):
     """A video whose stripes tell its frame."""
     return filmed(tmp_path / "clip.avi", map(striped, range(FRAMES)))
 
 
-def shown(source: VideoFile, frame: int) -> int:
+def shown(source, frame):
     image = source.read(frame)
     bright = image.mean(axis=(0, 2)).reshape(8, 8).mean(axis=1) > 128
     return sum(1 << bit for bit in range(8) if bright[bit])
@@ -180,7 +178,7 @@ def test_c12_a_video_that_asks_to_be_turned_is_and_it_is_said(
     assert len(source.warnings) == 1 and f"{turn}°" in source.warnings[0]
 
 
-def raw_picture(level: float = 1.0) -> np.ndarray:
+def raw_picture(level=1.0):
     """(48, 64, 3) uint8 BGR: smooth ramps, another one in each colour."""
     v, u = np.mgrid[:48, :64] / 64.0
     channels = [60 + 120 * u, 200 - 90 * v, 40 + 80 * (u + v)]

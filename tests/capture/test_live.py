@@ -1,7 +1,6 @@
 """Running cameras: the newest images make a frame, what comes too fast is counted, a camera may fail. By events, not by seconds."""
 
 from collections import Counter
-from collections.abc import Iterator
 
 import pytest
 
@@ -12,7 +11,7 @@ from tests.live_cameras import SIZE, ScriptedDevice
 class Desk:
     """Two scripted cameras with a clock that the test sets."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.now = 0.0
         self.devices = {"left": ScriptedDevice(), "right": ScriptedDevice()}
         cameras = [
@@ -24,18 +23,18 @@ class Desk:
         for device in self.devices.values():
             device.begin()
 
-    def show(self, value: int, *names: str) -> None:
+    def show(self, value, *names):
         for name in names or tuple(self.devices):
             self.devices[name].show(value)
 
-    def values(self, frame: int) -> dict[str, int]:
+    def values(self, frame):
         sources = {camera.name: LiveImages(self.feed, camera) for camera in self.feed.cameras}
         seen = {name: source.read(frame) for name, source in sources.items()}
         return {name: int(one[0, 0, 0]) for name, one in seen.items() if one is not None}
 
 
 @pytest.fixture
-def desk() -> Iterator[Desk]:
+def desk():
     made = Desk()
     yield made
     for device in made.devices.values():

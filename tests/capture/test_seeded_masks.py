@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.arrays import Array, Bytes
-from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_joints
+from handtrack.capture.masks.hand_seeds import seeds_of_joints
 from handtrack.capture.masks.mask_correction import (
     BACKGROUND,
     HAND,
@@ -19,15 +18,15 @@ from handtrack.capture.masks.mask_correction import (
 )
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded
 from handtrack.capture.masks.segmentation import SkinYCrCb, segmenter
-from tests.capture.seeded_scenes import SIZE, Recording, recording
+from tests.capture.seeded_scenes import SIZE, recording
 
 TESTED = range(1, 12, 2)
 
 
-def masks_of(drawn: Recording) -> list[np.ndarray]:
+def masks_of(drawn):
     """Return the masks of the tested frames."""
 
-    def seeds(frame: int) -> HandSeeds:
+    def seeds(frame):
         found = seeds_of_joints(drawn.joints[frame], SIZE)
         assert found is not None
         return found
@@ -36,7 +35,7 @@ def masks_of(drawn: Recording) -> list[np.ndarray]:
     return [learned.mask(drawn.images[frame], seeds(frame)) for frame in TESTED]
 
 
-def figures(drawn: Recording, masks: list[np.ndarray]) -> tuple[float, float]:
+def figures(drawn, masks):
     """Return the wrong and the known share, both of the hand's area, before the arm's end."""
     wrong = known = area = 0
     for frame, mask in zip(TESTED, masks, strict=True):
@@ -48,7 +47,7 @@ def figures(drawn: Recording, masks: list[np.ndarray]) -> tuple[float, float]:
     return wrong / area, known / area
 
 
-def before_wrist(drawn: Recording, frame: int) -> np.ndarray:
+def before_wrist(drawn, frame):
     """Return how far pixels lie before the wrist, the knuckles at 1."""
     joints = drawn.joints[frame]
     knuckles = np.mean([joints[f"{f}_mcp"] for f in ("index", "middle", "ring", "little")], axis=0)
@@ -62,7 +61,7 @@ LEAST_KNOWN = {"even": 0.95, "wood": 0.4, "backlight": 0.9, "infrared": 0.75}
 
 
 @cache
-def filmed(light: str) -> Recording:
+def filmed(light):
     return recording(light, np.random.default_rng(7), len(TESTED) * 2)
 
 
@@ -101,7 +100,7 @@ def test_another_hand_that_nobody_seeds_is_no_hand():
     assert figures(drawn, masks_of(drawn))[0] < 0.04
 
 
-def overlap(mask: Bytes, truth: Array) -> float:
+def overlap(mask, truth):
     """Return IoU where the mask says something."""
     known = mask != UNKNOWN_LEVEL
     both, either = (mask == 255) & truth & known, ((mask == 255) | truth) & known

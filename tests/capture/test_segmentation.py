@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from handtrack.arrays import Array, Bytes
 from handtrack.capture.masks.segmentation import (
     BackgroundMedian,
     BackgroundMog2,
@@ -20,11 +19,11 @@ SKIN = (110, 140, 200)  # BGR
 DESK = (120, 110, 100)
 
 
-def frames(*images: Array | None) -> Recording:
+def frames(*images):
     return Recording(list(images), [], [], [], size=(80, 60))
 
 
-def scene(rng: np.random.Generator, *boxes: tuple[int, int, int, int]) -> Array:
+def scene(rng, *boxes):
     """A desk with skin-coloured boxes x, y, w, h and a little noise."""
     image = np.full((60, 80, 3), DESK, np.int16)
     for x, y, w, h in boxes:
@@ -32,7 +31,7 @@ def scene(rng: np.random.Generator, *boxes: tuple[int, int, int, int]) -> Array:
     return (image + rng.integers(-2, 3, image.shape)).clip(0, 255).astype(np.uint8)
 
 
-def box_mask(x: int, y: int, w: int, h: int) -> Bytes:
+def box_mask(x, y, w, h):
     mask = np.zeros((60, 80), np.uint8)
     mask[y : y + h, x : x + w] = 255
     return mask
@@ -71,7 +70,7 @@ def test_skin_adaptive_fits_its_sample(rng):
 
 @pytest.mark.parametrize("method", [BackgroundMedian(samples=9), BackgroundMog2(samples=20)])
 def test_background_methods_find_what_moves(method, rng):
-    images: list[Array | None] = [
+    images = [
         scene(rng, (4 * i % 50, 5 * i % 35, 20, 20)) if i % 7 else scene(rng) for i in range(60)
     ]
     images[3] = None

@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack import Camera
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.disparity import StereoSettings, matches, without_speckles
 from handtrack.capture.clouds.stereo import StereoMatcher, check_pair
@@ -20,7 +19,7 @@ def cloud_of(matcher, *taken):
     return matcher.triangulate(matcher.match(*taken))
 
 
-def camera(name, centre=(0, 0, 0), turn=(0, 0, 0), distortions=(0, 0, 0, 0, 0)) -> Camera:
+def camera(name, centre=(0, 0, 0), turn=(0, 0, 0), distortions=(0, 0, 0, 0, 0)):
     rotation = rotation_matrix(np.array(turn, dtype=float))
     return pinhole(name, (240, 180), 300, rotation, -rotation @ centre, distortions)
 
@@ -35,7 +34,7 @@ def texture():
     return np.clip(128 + 45 * noise / noise.std(), 0, 255).astype(np.uint8)
 
 
-def picture(seen: Camera, texture, plane_m=PLANE_M) -> np.ndarray:
+def picture(seen, texture, plane_m=PLANE_M):
     """What a camera sees of the textured plane z = 0.5 m, or another."""
     u, v = np.meshgrid(np.arange(240.0), np.arange(180.0))
     rays = seen.rays(np.stack([u, v], -1))

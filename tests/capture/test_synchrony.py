@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from handtrack import Camera
-from handtrack.arrays import Array
 from handtrack.capture.images.synchrony import ImageMotion, time_offsets
 from handtrack.geometry.rotation import rotation_matrix
 from tests.cameras import pinhole
@@ -13,13 +11,13 @@ FRAMES = 60
 SIZE = (96, 72)
 
 
-def camera(name: str, turn: float) -> Camera:
+def camera(name, turn):
     """Looks at the origin from half a metre, turned by an angle [rad] around it."""
     rotation = rotation_matrix(np.array([0.2 * turn, turn, 0.3 * turn]))
     return pinhole(name, SIZE, 110, rotation, (0, 0, 0.5))
 
 
-def pictures(seen_by: Camera, late: float, rng: np.random.Generator) -> list[Array]:
+def pictures(seen_by, late, rng):
     """Return pictures of a few spots on smooth paths (the same for every camera), `late` frames late, with noise."""
     paths = np.random.default_rng(5)
     phase, speed = paths.uniform(0, 6, (8, 3)), paths.uniform(0.1, 0.4, (8, 3))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from handtrack import Camera
 from handtrack.detector.hand_detector import (
     PALM_SIZE,
     DetectedHand,
@@ -96,7 +95,7 @@ IMAGE = np.zeros((200, 400, 3), np.uint8)
 
 
 @pytest.fixture
-def fake() -> FakeDetector:
+def fake():
     return FakeDetector()
 
 
@@ -133,7 +132,7 @@ def test_a_second_hand_is_found_soon_and_both_keep_their_numbers(fake):
 LEFT_PLACE, RIGHT_PLACE = np.array([-0.15, 0.05, 0.0]), np.array([0.12, -0.06, 0.05])
 
 
-def camera(name: str, angle: float) -> Camera:
+def camera(name, angle):
     """A distorted camera 0.8 m away, turned about the vertical."""
     rotation = rotation_matrix(np.array([0.0, angle, 0.0]))
     return pinhole(name, (640, 480), 600, rotation, (0, 0, 0.8), (-0.1, 0.02, 0, 0, 0))
@@ -142,7 +141,7 @@ def camera(name: str, angle: float) -> Camera:
 CAMERAS = {name: camera(name, angle) for name, angle in (("a", 0.0), ("b", 0.6), ("c", -0.5))}
 
 
-def seen(name: str, place: np.ndarray, right: float = 0.99, noise: float = 1.0) -> HandObservation:
+def seen(name, place, right=0.99, noise=1.0):
     rng = np.random.default_rng(5)
     points = keypoints() + [[0, 0, 0.002 * i] for i in range(21)]
     pixels = CAMERAS[name].project(points + place) + noise * rng.normal(size=(21, 2))

@@ -3,7 +3,6 @@
 import hashlib
 import tempfile
 import zipfile
-from pathlib import Path
 
 import pytest
 
@@ -23,12 +22,12 @@ NAMES = ("hand_detector.tflite", "hand_landmarks_detector.tflite")
 
 
 @pytest.fixture(autouse=True)
-def own_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def own_home(tmp_path, monkeypatch):
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
     monkeypatch.delenv("HANDTRACK_DETECTOR", raising=False)
 
 
-def task(path: Path, names: tuple[str, ...] = NAMES, content: bytes = NETWORK) -> Path:
+def task(path, names=NAMES, content=NETWORK):
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in names:
             archive.writestr(name, content)
@@ -68,7 +67,7 @@ def test_networks_that_would_fill_the_memory_are_not_unpacked(tmp_path, monkeypa
         read_weights(path)
 
 
-def trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+def trusted(monkeypatch):
     """The tests' network counts as one that was tested."""
     monkeypatch.setattr(module, "_TESTED", {hashlib.sha256(NETWORK).hexdigest()})
 
@@ -84,7 +83,7 @@ def test_only_known_networks_are_installed(tmp_path, monkeypatch):
     assert read_weights(installed_weights()).is_known
 
 
-def wheel(folder: Path) -> Path:
+def wheel(folder):
     """A package as pip would download it, with networks where MediaPipe has them."""
     folder.mkdir()
     path = folder / "mediapipe-0.10.21-cp311-cp311-manylinux_2_28_x86_64.whl"

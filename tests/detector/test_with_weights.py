@@ -1,7 +1,6 @@
 """The networks themselves, where the shared data with their weights are: a few frames of two real recordings."""
 
 from importlib.util import find_spec
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,17 +16,17 @@ FRAMES = range(FIRST, FIRST + 3)
 
 
 @pytest.fixture(scope="session")
-def weights(data_dir: Path) -> Path:
+def weights(data_dir):
     return data_dir / "hand_detector" / "hand_landmarker.task"
 
 
 @pytest.fixture(scope="session")
-def detector(weights: Path) -> HandDetector:
+def detector(weights):
     return HandDetector.open(weights, "opencv")
 
 
 @pytest.fixture(scope="session")
-def desk(data_dir: Path) -> Session:
+def desk(data_dir):
     return Session.open(data_dir / "sessions" / "desk_two_view")
 
 

@@ -16,11 +16,11 @@ from tests.export.sequences import sample_sequence
 from tests.sample_track import sample_frame, sample_track, stacked
 
 
-def of_points(frame, points) -> Truth:
+def of_points(frame, points):
     return Truth(frame, None, points, (), None)
 
 
-def truth_of(track, offset=(0.0, 0.0, 0.0)) -> Truth:
+def truth_of(track, offset=(0.0, 0.0, 0.0)):
     return of_points(track.frame.copy(), track.keypoints21 + np.asarray(offset))
 
 

@@ -41,19 +41,19 @@ def library(name: str):
     )
 
 
-def _worst(found: np.ndarray, wanted: np.ndarray) -> float:
+def _worst(found, wanted):
     assert found.shape == wanted.shape
     assert np.isfinite(found).all()
     return float(1e3 * np.linalg.norm(found - wanted, axis=-1).max())
 
 
-def _worst_seen(points: np.ndarray, table: ResultsTable) -> float:
+def _worst_seen(points, table):
     """Return the largest error of the frames that are not lost, by points (F, J, 3) [m]."""
     seen = ~table.is_lost
     return _worst(points[seen], table.track.joint_positions[seen])
 
 
-def trc(kind: str, folder: Path) -> float:
+def trc(kind, folder):
     """OpenSim's reader of marker files."""
     opensim = library("opensim")
     table, (path,) = written(kind, "trc", folder)
@@ -71,7 +71,7 @@ def trc(kind: str, folder: Path) -> float:
     return _worst_seen(1e-3 * points, table)
 
 
-def mot(kind: str, folder: Path) -> float:
+def mot(kind, folder):
     """OpenSim's kinematics of our generated model, moved by our coordinates."""
     opensim = library("opensim")
     opensim.Logger.setLevelString("Error")
@@ -102,7 +102,7 @@ def mot(kind: str, folder: Path) -> float:
     return _worst(points, table.track.joint_positions)
 
 
-def bvh(kind: str, folder: Path) -> float:
+def bvh(kind, folder):
     """bvhio: every bone's proximal end at every frame, and the ends of the last ones."""
     bvhio = library("bvhio")
     table, (path,) = written(kind, "bvh", folder)
@@ -131,7 +131,7 @@ def bvh(kind: str, folder: Path) -> float:
     return _worst(0.01 * np.array(found), np.array(wanted))
 
 
-def urdf(kind: str, folder: Path) -> float:
+def urdf(kind, folder):
     """yourdfpy's kinematics, from the joint states in the CSV beside."""
     yourdfpy, pandas = library("yourdfpy"), library("pandas")
     table, (path, states) = written(kind, "urdf", folder)
@@ -140,17 +140,17 @@ def urdf(kind: str, folder: Path) -> float:
     return _robot_error(_placed(robot, table), table, pandas.read_csv(states).to_dict("records"))
 
 
-def _placed(robot, table: ResultsTable) -> Callable[[dict], Callable[[str], np.ndarray]]:
+def _placed(robot, table):
     """Return what poses a robot of yourdfpy and tells where its links are."""
 
-    def placed(angles: dict) -> Callable[[str], np.ndarray]:
+    def placed(angles):
         robot.update_cfg(angles)
         return lambda link: robot.get_transform(link, table.track.bone_names[0])[:3, 3]
 
     return placed
 
 
-def mujoco(kind: str, folder: Path) -> float:
+def mujoco(kind, folder):
     """MuJoCo's kinematics, from the joint states in the CSV beside."""
     library("mujoco")
     import mujoco as engine
@@ -161,7 +161,7 @@ def mujoco(kind: str, folder: Path) -> float:
     data = engine.MjData(robot)
     assert robot.ngeom == len(table.model.flesh["fine"].bone)  # it shows them
 
-    def placed(angles: dict) -> Callable[[str], np.ndarray]:
+    def placed(angles):
         for name, angle in angles.items():
             data.joint(name).qpos[0] = angle
         engine.mj_forward(robot, data)
@@ -170,9 +170,7 @@ def mujoco(kind: str, folder: Path) -> float:
     return _robot_error(placed, table, pandas.read_csv(states).to_dict("records"))
 
 
-def _robot_error(
-    placed: Callable[[dict], Callable[[str], np.ndarray]], table: ResultsTable, rows: list[dict]
-) -> float:
+def _robot_error(placed, table, rows):
     """rows: joint states of the frames. placed: poses the robot by angles and returns where links are about its root."""
     track, found = table.track, []
     for row in rows:
@@ -185,7 +183,7 @@ def _robot_error(
     return _worst(np.array(found), wanted)
 
 
-def mcap(kind: str, folder: Path) -> float:
+def mcap(kind, folder):
     """mcap's reader with its decoder of ROS 2 messages, into yourdfpy."""
     yourdfpy, _, decoder = library("yourdfpy"), library("mcap"), library("mcap_ros2.reader")
     table, (path,) = written(kind, "mcap", folder)
@@ -218,7 +216,7 @@ def mcap(kind: str, folder: Path) -> float:
     return _robot_error(_placed(robot, table), table, rows)
 
 
-def c3d(kind: str, folder: Path) -> float:
+def c3d(kind, folder):
     """The package c3d; the file is written by ezc3d."""
     library("ezc3d")
     reader_of = library("c3d")
@@ -234,7 +232,7 @@ def c3d(kind: str, folder: Path) -> float:
     return _worst_seen(1e-3 * points[..., :3], table)
 
 
-def anipose(kind: str, folder: Path) -> float:
+def anipose(kind, folder):
     """pandas, by the columns that Anipose names (`movement` reads the same)."""
     pandas = library("pandas")
     table, (path,) = written(kind, "anipose", folder)
@@ -249,7 +247,7 @@ def anipose(kind: str, folder: Path) -> float:
     return _worst_seen(1e-3 * points, table)
 
 
-def pose(kind: str, folder: Path) -> float:
+def pose(kind, folder):
     """pose-format's reader: a component of points by MediaPipe's names, masked where the pose is lost."""
     Pose = library("pose_format").Pose
     table, (path,) = written(kind, "pose", folder)
@@ -264,7 +262,7 @@ def pose(kind: str, folder: Path) -> float:
     return _worst(np.asarray(places)[~lost] / 1e3, wanted[~lost])
 
 
-def _ordered(name: str, kind: str, folder: Path) -> float:
+def _ordered(name, kind, folder):
     """Python's json, by the order in OpenPose's or MediaPipe's documentation; a file a frame in a zip, numbered by it."""
     table, (path,) = written(kind, name, folder)
     if name == "openpose-files":
@@ -297,7 +295,7 @@ def _ordered(name: str, kind: str, folder: Path) -> float:
     return _worst(np.array(found), np.array(wanted))
 
 
-def glb(kind: str, folder: Path) -> float:
+def glb(kind, folder):
     """pygltflib's arrays, posed here by the rules of glTF: vertices of one bone alone; trimesh loads the mesh."""
     pygltflib = library("pygltflib")
     import trimesh
@@ -307,7 +305,7 @@ def glb(kind: str, folder: Path) -> float:
     file = pygltflib.GLTF2().load(str(path))
     blob = file.binary_blob()
 
-    def array(number: int) -> np.ndarray:
+    def array(number):
         told = file.accessors[number]
         view = file.bufferViews[told.bufferView]
         dtype = {5121: np.uint8, 5125: np.uint32, 5126: np.float32}[told.componentType]
@@ -333,7 +331,7 @@ def glb(kind: str, folder: Path) -> float:
     }
     times = array(animation.samplers[0].input)[:, 0]
     assert_allclose(times, table.track.time_s - table.track.time_s[0], atol=1e-6)
-    poses: dict[int, np.ndarray] = {}
+    poses = {}
     for n in skin.joints:  # parents come first
         node, pose = file.nodes[n], np.tile(np.eye(4), (len(times), 1, 1))
         turn = moves.get((n, "rotation"), [node.rotation])
@@ -341,7 +339,7 @@ def glb(kind: str, folder: Path) -> float:
         pose[:, :3, 3] = moves.get((n, "translation"), node.translation)
         poses[n] = poses[above[n]] @ pose if n in above else pose
 
-    def carried(poses: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def carried(poses, points):
         """Return all points (V, 3), carried by the pose of each one's bone."""
         mine = poses[:, ours.bone]
         return np.einsum("fvij,vj->fvi", mine[..., :3, :3], points) + mine[..., :3, 3]
@@ -351,7 +349,7 @@ def glb(kind: str, folder: Path) -> float:
     return _worst(found[:, rigid], wanted[:, rigid])
 
 
-def netcdf(kind: str, folder: Path) -> float:
+def netcdf(kind, folder):
     """xarray, by labels."""
     xarray = library("xarray")
     table, (path,) = written(kind, "netcdf", folder)
@@ -368,7 +366,7 @@ def netcdf(kind: str, folder: Path) -> float:
         return _worst_seen(place.values, table)
 
 
-def nwb(kind: str, folder: Path) -> float:
+def nwb(kind, folder):
     """pynwb, by ndx-pose's types."""
     pynwb, _ = library("pynwb"), library("ndx_pose")
     table, (path,) = written(kind, "nwb", folder)

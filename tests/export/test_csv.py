@@ -3,13 +3,12 @@
 import csv
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack import HandtrackError, TrackResult
+from handtrack import HandtrackError
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
@@ -20,7 +19,7 @@ from tests.export.sequences import sample_sequence
 from tests.sample_track import sample_track
 
 
-def written(name: str, track: TrackResult, folder: Path) -> list[Path]:
+def written(name, track, folder):
     file = export_format(name)
     return file.write(folder / f"poses{file.ending}", ResultsTable(track))
 

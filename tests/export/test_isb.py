@@ -11,7 +11,7 @@ from handtrack.model.articulated import FINGERS
 SIDES = ("right", "left")
 
 
-def angles(side: str, turned: dict[str, float] | None = None) -> dict[str, float]:
+def angles(side, turned=None):
     """Return all angles [°] of a hand with a forearm, somewhere in the world, with some parameters [°] set."""
     model = load_model("hand26", side=side, forearm=True)
     values = {"root_tx": 0.3, "root_rx": 0.4, "root_ry": -1.1, "root_rz": 2.0}
@@ -68,7 +68,7 @@ def test_standard_deviations_are_carried_over(side, rng):
     model = load_model("hand26", side=side, forearm=True)
     values = rng.uniform(*model.limits.interval.clip(-1.0, 1.0).T)
 
-    def isb(rows: np.ndarray) -> dict[str, np.ndarray]:
+    def isb(rows):
         poses = [model.bones(model.transform.solver_params(row)).T_world_bone for row in rows]
         return isb_angles(model, np.stack(poses))
 

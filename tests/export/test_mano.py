@@ -2,7 +2,6 @@
 
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ FINGERS = ("index", "middle", "little", "ring", "thumb")
 TIPS = {"thumb": 744, "index": 320, "middle": 443, "ring": 554, "little": 671}
 
 
-def stand_in() -> dict[str, np.ndarray]:
+def stand_in():
     """Return arrays by MANO's names: joints and tips of our mean right hand among vertices anywhere, shapes of length and of nothing."""
     rng = np.random.default_rng(2)
     model = sample_model("right")
@@ -45,12 +44,12 @@ def stand_in() -> dict[str, np.ndarray]:
 
 
 @pytest.fixture
-def model_file(tmp_path: Path) -> Path:
+def model_file(tmp_path):
     np.savez(tmp_path / "MANO_RIGHT.npz", **stand_in())
     return tmp_path / "MANO_RIGHT.npz"
 
 
-def keypoints_of(model: ManoModel, found) -> np.ndarray:
+def keypoints_of(model, found):
     """Return the keypoints (F, 21, 3) of shape and poses that were found."""
     pose = np.concatenate([found["global_orient"], found["hand_pose"]], axis=1)
     return model.keypoints21(found["betas"], pose.reshape(-1, 16, 3), found["transl"])

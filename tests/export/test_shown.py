@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack import Session, TrackingRun, TrackResult, bundled_session
+from handtrack import Session, TrackingRun, bundled_session
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from tests.export.foreign import library
@@ -34,7 +34,7 @@ def test_a_film_has_a_picture_a_frame_by_another_programs_count(tmp_path):
     assert all(np.abs(a.astype(int) - b).max() > 20 for a, b in pairwise(pictures))
 
 
-def _moved_a_little(folder: Path, count: int) -> TrackResult:
+def _moved_a_little(folder, count):
     """Return the first pose of a session, a centimetre farther in each frame."""
     run = TrackingRun.open(Session.open(folder))
     model, (_, params) = run.model, run.initial()
@@ -50,7 +50,7 @@ def _moved_a_little(folder: Path, count: int) -> TrackResult:
 @pytest.mark.skipif(not Path(CHROMIUM).exists(), reason="no Chromium here")
 def test_pages_play_without_network_and_without_an_error(tmp_path):
     sync_api = pytest.importorskip("playwright.sync_api")
-    said: list[str] = []
+    said = []
     with sync_api.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
         context = browser.new_context(offline=True)

@@ -2,7 +2,6 @@
 
 import errno
 import os
-from pathlib import Path
 
 import pytest
 
@@ -31,7 +30,7 @@ def test_a_full_disk_leaves_what_was_there_and_names_the_file(tmp_path):
     assert os.listdir(tmp_path) == ["poses.npz"]
 
 
-def killed_while_writing(path: Path) -> Path:
+def killed_while_writing(path):
     """Return what a program leaves that is killed in the middle of `replacing`."""
     before = set(path.parent.iterdir())
     copy_of_a_fresh_process(_write_half, path).join()
@@ -39,7 +38,7 @@ def killed_while_writing(path: Path) -> Path:
     return left
 
 
-def _write_half(path: Path) -> None:
+def _write_half(path):
     with replacing(path) as part:
         part.write_text("half")
         os._exit(9)

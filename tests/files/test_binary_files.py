@@ -2,9 +2,7 @@
 
 import io
 import zipfile
-from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -52,31 +50,31 @@ def test_what_unpacks_without_end_is_refused(tmp_path):
         read_mat(tmp_path / "a.mat")
 
 
-def saved(path: Path) -> bytes:
+def saved(path):
     np.savez_compressed(path, points=np.random.default_rng(0).random((500, 3)))
     return path.read_bytes()
 
 
-def damaged(path: Path) -> None:
+def damaged(path):
     content = bytearray(saved(path))
     content[200:260] = bytes(60)
     path.write_bytes(content)
 
 
-def zipped(path: Path, *members: bytes) -> None:
+def zipped(path, *members):
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for number, content in enumerate(members):
             archive.writestr(f"points{number}.npy", content)
 
 
-def announced(*shape: int) -> bytes:
+def announced(*shape):
     """Return what stands before the numbers of an array."""
     head, told = io.BytesIO(), {"descr": "<f8", "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(head, told)
     return head.getvalue()
 
 
-NONE: dict[str, tuple[Callable[[Path], object], str]] = {
+NONE = {
     "missing": (lambda p: None, "no such file."),
     "a folder": (lambda p: p.mkdir(), "is a folder; expected an .npz file."),
     "text": (lambda p: p.write_text("hello"), "not a readable .npz of plain arrays"),
@@ -108,12 +106,12 @@ def test_files_that_are_no_plain_arrays(case, tmp_path):
     assert words in str(caught.value)
 
 
-def refused_unread(path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def refused_unread(path, monkeypatch):
     """Return what is said of a file of which not more than headers may be unpacked."""
-    unpacked: list[int] = []
+    unpacked = []
     real = zipfile.ZipExtFile.read
 
-    def counted(file: zipfile.ZipExtFile, n: int | None = -1) -> bytes:
+    def counted(file, n=-1):
         data = real(file, n)
         unpacked.append(len(data))
         return data

@@ -2,7 +2,6 @@
 
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -83,7 +82,7 @@ posture = 4.0
 name = "left"
 """
 REST = "# mine\n[session]\nformat = 1  # of the file\n\n[[camera]]\nname = 'left' # west\n"
-SPELLINGS: dict[str, tuple[str, str, Any, str]] = {
+SPELLINGS = {
     "own table": ("[tracking.cloud] # T\nweight = 2.0\n", "tracking.cloud.weight", 0.5, "0.5"),
     "at the root": ("tracking.cloud.weight = 2.0 # T\n", "tracking.cloud.weight", 0.5, "0.5"),
     "quoted table": ('["tracking"]\ncloud.weight = 2.0 # T\n', "tracking.cloud.weight", 0.5, "0.5"),

@@ -1,7 +1,6 @@
 """Cameras, rotations, quadrics and triangulation."""
 
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -10,7 +9,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from handtrack import Camera, HandtrackError
-from handtrack.arrays import Floats
 from handtrack.geometry import quadric as q
 from handtrack.geometry.lens import field_radius
 from handtrack.geometry.rotation import (
@@ -28,7 +26,7 @@ MATRIX = np.array([[800.0, 0, 310], [0, 790, 245], [0, 0, 1]])
 BARREL = np.array([-0.3, 0.1, 0.001, -0.002, -0.01])
 
 
-def make(distortions: Floats = np.zeros(5), **changes: Any) -> Camera:
+def make(distortions=np.zeros(5), **changes):
     turn, place = rotation_matrix(np.array([0.1, -0.2, 0.3])), np.array([0.02, -0.01, 0.6])
     return replace(Camera("cam0", (640, 480), MATRIX, distortions, turn, place), **changes)
 

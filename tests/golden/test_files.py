@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from pathlib import Path
 
 import pytest
 from numpy.testing import assert_allclose
@@ -38,13 +37,13 @@ PICTURES = (".png",)
 """of a recording: they are what was seen, not what we write"""
 
 
-def files_of(folder: Path) -> set[str]:
+def files_of(folder):
     """Return every file of a folder but pictures, by its path there."""
     paths = (path for path in folder.rglob("*") if path.is_file() and path.suffix not in PICTURES)
     return {str(path.relative_to(folder)) for path in paths}
 
 
-def assert_the_same(before: object, after: object, name: str) -> None:
+def assert_the_same(before, after, name):
     """Fail naming the first places where two meanings differ."""
     found = list(differences(before, after, name))
     assert not found, f"{AGAIN}:\n" + "\n".join(found[:10])

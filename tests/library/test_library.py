@@ -30,13 +30,13 @@ TIPS = ("thumb_tip", "index_tip")
 CAMERAS = read_cameras(bundled_session() / "calibration.toml")
 
 
-def posed(bend: float = 0.5) -> np.ndarray:
+def posed(bend=0.5):
     params = HAND.rest_params()
     params[HAND.parameter_names.index("index_pip_flex")] = bend
     return params
 
 
-def points(params: np.ndarray, frame: int = 0) -> Observation:
+def points(params, frame=0):
     seen = Keypoints(HAND.joint_names, HAND.joint_positions(HAND.bones(params)), 0.003)
     return Observation(frame, frame / 30, keypoints=(seen,))
 
@@ -64,7 +64,7 @@ def test_a_pose_from_points_in_space_or_joints_in_two_images():
 def test_values_that_follow_need_not_be_given_and_may_not_contradict():
     coupled = load_model("hand26", coupling="21")
 
-    def joint(params: np.ndarray, name: str) -> float:
+    def joint(params, name):
         return float(coupled.joint_params(params)[coupled.parameter_names.index(name)])
 
     bent = coupled.params_from({"index_pip_flex": 0.6})

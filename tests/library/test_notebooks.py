@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -13,7 +12,7 @@ from tests.sample_track import hand_track
 NOTEBOOKS = sorted((REPOSITORY / "docs" / "notebooks").glob("*.ipynb"))
 
 
-def cells(path: Path) -> list[str]:
+def cells(path):
     """Return the code of a notebook, cell by cell."""
     content = json.loads(path.read_text(encoding="utf-8"))
     return ["".join(c["source"]) for c in content["cells"] if c["cell_type"] == "code"]
@@ -25,7 +24,7 @@ def test_it_runs(path, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MPLBACKEND", "Agg")
     shutil.copyfile(path.with_name("gripper.urdf"), tmp_path / "gripper.urdf")
     handtrack.write_npz(tmp_path / "poses.npz", hand_track())
-    names: dict[str, object] = {}
+    names = {}
     for code in cells(path):
         exec(compile(code, path.name, "exec"), names)
     printed = capsys.readouterr().out

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import (
-    ArticulatedModel,
     HandtrackError,
     load_model,
 )
@@ -41,7 +40,7 @@ Frames: 0
 """
 
 
-def places(model: ArticulatedModel, joint: np.ndarray) -> dict[str, np.ndarray]:
+def places(model, joint):
     bones = model.bones(model.transform.solver_params(joint))
     return dict(zip(model.joint_names, model.joint_positions(bones), strict=True))
 

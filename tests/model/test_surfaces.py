@@ -63,7 +63,7 @@ def relaxed():
     return surface, bones, surface_mesh(surface, bones)
 
 
-def closed(vertices, faces) -> trimesh.Trimesh:
+def closed(vertices, faces):
     """Return a mesh that is closed, its faces turned one way."""
     found = trimesh.Trimesh(vertices, faces, process=False)
     assert found.is_watertight and found.is_winding_consistent

@@ -7,8 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from handtrack import Camera, HandtrackError, Silhouette
-from handtrack.arrays import Array
+from handtrack import HandtrackError, Silhouette
 from handtrack.observation.agreement import outline_errors_px, suspected
 from handtrack.observation.lens_maps import longest_runs
 from handtrack.observation.observation import UNKNOWN, undistort_image, undistort_silhouette
@@ -22,7 +21,7 @@ BARREL = np.array([-0.25, 0.05, 0.001, -0.001, 0.0])
 PINCUSHION = np.array([0.3, 0.0, 0.0, 0.0, 0.0])
 
 
-def camera(distortions: Array = np.zeros(5)) -> Camera:
+def camera(distortions=np.zeros(5)):
     return pinhole("cam0", (160, 120), 150, lens=distortions)
 
 
@@ -129,7 +128,7 @@ SIZE = (200, 160)
 BALL_M = 0.04
 
 
-def ball_from(degrees: float) -> Silhouette:
+def ball_from(degrees):
     """Return a ball's silhouette by a camera around it, half a metre away."""
     turn = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
     camera = pinhole(f"cam{degrees}", SIZE, 300, turn, (0, 0, 0.5), at=(100, 80))

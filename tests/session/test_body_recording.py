@@ -6,7 +6,6 @@ import pytest
 from handtrack import HandScale, Session, TrackingRun
 from handtrack.session.first_pose.first_pose_search import (
     SURE,
-    FirstPoseCandidate,
     find_first_poses,
 )
 from handtrack.session.session_file import HandSettings
@@ -14,23 +13,23 @@ from tests.session.body_session import OFFSETS, film
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
+def session(tmp_path_factory):
     """Three cameras; the size is to be fitted."""
     return Session.open(film(tmp_path_factory.mktemp("body") / "session"))
 
 
 @pytest.fixture(scope="module")
-def found(session: Session) -> list[FirstPoseCandidate]:
+def found(session):
     return find_first_poses(TrackingRun.open(session, use_init=False))
 
 
 @pytest.fixture(scope="module")
-def sized(session: Session, found: list[FirstPoseCandidate]) -> TrackingRun:
+def sized(session, found):
     """The run once first pose and size are found."""
     return TrackingRun.open(session, first=found[0].first_pose)
 
 
-def error_m(session: Session, found: FirstPoseCandidate, shape: bool = False) -> float:
+def error_m(session, found, shape=False):
     """Return how far a candidate's joints are from the true ones on average; shape: about their middle."""
     joints = found.model.joint_positions(found.model.bones(found.params))
     true = session.truth.joint_positions[found.frame]

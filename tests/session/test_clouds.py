@@ -1,7 +1,5 @@
 """Clouds of a session: from files, depth and pairs, filtered, and what is odd about them said."""
 
-from pathlib import Path
-
 import numpy as np
 from numpy.testing import assert_array_equal
 
@@ -11,13 +9,13 @@ from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.point_cloud import EMPTY
 
 
-def add(folder: Path, clouds: str) -> None:
+def add(folder, clouds):
     """Append [clouds] to session.toml."""
     path = folder / "session.toml"
     path.write_text(path.read_text() + f"\n[clouds]\n{clouds}\n")
 
 
-def write_clouds(folder: Path, rng: np.random.Generator) -> None:
+def write_clouds(folder, rng):
     (folder / "c").mkdir()
     flat = rng.uniform(-0.05, 0.05, (3000, 3)) * (1, 1, 0.001) + (0, 0, 0.0005)
     write_cloud(folder / "c" / "000.npz", PointCloud(flat))
@@ -71,7 +69,7 @@ def test_the_seed_decides_which_points_stay(folder, rng):
     add(folder, 'files = "c/*"\nmax_points = 500')
     session = Session.open(folder)
 
-    def points(seed: int) -> np.ndarray:
+    def points(seed):
         run = TrackingRun.open(session, {"model.fit_size": False, "tracker.seed": seed})
         return run.session.observation(0).cloud.points
 

@@ -1,7 +1,5 @@
 """Files of corrections: they win over methods and files, also headless; what was there before is kept; odd ones are refused."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -15,11 +13,11 @@ from tests.session.test_seeded_session import JOINTS, folder, opened
 __all__ = ["folder"]
 
 
-def stroke(level: int = HAND) -> np.ndarray:
+def stroke(level=HAND):
     return painted(empty_layer(SIZE), np.array([[30.0, 30], [60, 30]]), 8.0, level)
 
 
-def write(folder: Path, image: np.ndarray, frame: int = 2) -> Path:
+def write(folder, image, frame=2):
     path = folder / "masks_corrected" / "cam0" / f"{frame:06d}.png"
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), image)

@@ -1,10 +1,7 @@
 """The doctor says what is odd without refusing it: files, masks, joints, cameras, before tracking and after it."""
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -17,7 +14,6 @@ from handtrack.session.doctor import check_hand
 from handtrack.session.doctor.check_joints import check_joints
 from handtrack.session.doctor.check_outlines import check_outlines
 from handtrack.session.doctor.check_tracked import check_tracked_cameras, inconsistency_of_cameras
-from handtrack.session.doctor.check_views import Finding
 from handtrack.session.doctor.examine import examine, examine_start
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE
@@ -36,7 +32,7 @@ from tests.session.small_session import (
 from tests.tracking.test_shared_cameras import TRUTH as WAVING
 
 
-def masks(folder: Path, camera: str, mask: np.ndarray, frames: range = range(4)) -> None:
+def masks(folder, camera, mask, frames=range(4)):
     for frame in frames:
         cv2.imwrite(str(folder / f"masks/{camera}/{frame:03d}.png"), mask)
 
@@ -52,15 +48,15 @@ EDGE = EMPTY.copy()
 EDGE[5:43, :30] = 255
 
 
-def with_a_cloud_in_centimetres(folder: Path) -> None:
+def with_a_cloud_in_centimetres(folder):
     (folder / "clouds").mkdir()
     np.savez(folder / "clouds/0.npz", points=100 * keypoints() + (0, 0, 1))
     with (folder / "session.toml").open("a") as file:
         file.write('\n[clouds]\nfiles = "clouds/*.npz"\n')
 
 
-def with_depth(value: int) -> Callable[[Path], None]:
-    def add(folder: Path) -> None:
+def with_depth(value):
+    def add(folder):
         (folder / "depth").mkdir()
         cv2.imwrite(str(folder / "depth/0.png"), np.full((48, 64), value, np.uint16))
         setting = 'name = "cam1"\ndepth = "depth/*.png"\ndepth_scale_m = 0.001'
@@ -69,11 +65,11 @@ def with_depth(value: int) -> Callable[[Path], None]:
     return add
 
 
-def edited(file: str, old: str, new: str) -> Callable[[Path], None]:
+def edited(file, old, new):
     return lambda folder: edit(folder / file, old, new)
 
 
-ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
+ODD = {
     "all masks empty": (
         lambda f: masks(f, "cam1", EMPTY),
         "error",
@@ -254,18 +250,18 @@ class Recording:
     pixels: dict[str, Floats]
     side: str = "right"
 
-    def warnings(self, folder: Path) -> list[str]:
+    def warnings(self, folder):
         """Return what the doctor warns of in the session."""
         return [f.text for f in self.found(folder) if f.severity == "warning"]
 
-    def found(self, folder: Path) -> list[Finding]:
+    def found(self, folder):
         rig = CameraRig(tuple(self.cameras.values()))
         joints_session(folder, rig, HandSettings(side=self.side))
         add_joints(folder, {name: dict(enumerate(rows)) for name, rows in self.pixels.items()})
         return list(check_joints(Session.open(folder)))
 
 
-def recorded(cameras: int = 3) -> Recording:
+def recorded(cameras=3):
     rng, rig = np.random.default_rng(5), simulated_rig(cameras, SIZE, 0.5, True)
     hand = WAVING - WAVING.mean(axis=(0, 1))  # in the middle of the images
     noise = rng.normal(0, NOISE_PX, (cameras, *hand.shape[:2], 2))
@@ -273,26 +269,26 @@ def recorded(cameras: int = 3) -> Recording:
     return Recording({camera.name: camera for camera in rig}, pixels)
 
 
-def changed(change: Callable[[Camera], dict[str, Any]], *names: str) -> Callable[[Recording], None]:
+def changed(change, *names):
     """Return what says something else of some cameras, or of all."""
 
-    def say(it: Recording) -> None:
+    def say(it):
         for name in names or it.cameras:
             it.cameras[name] = replace(it.cameras[name], **change(it.cameras[name]))
 
     return say
 
 
-def seen(name: str, change: Callable[[Recording], Floats]) -> Callable[[Recording], None]:
+def seen(name, change):
     """Return what lets a camera see something else."""
     return lambda it: it.pixels.update({name: change(it)})
 
 
-def exchanged(it: Recording) -> None:
+def exchanged(it):
     it.pixels["cam0"], it.pixels["cam2"] = it.pixels["cam2"], it.pixels["cam0"]
 
 
-MISTAKES: dict[str, tuple[Callable[[Recording], None], str]] = {
+MISTAKES = {
     "C27 inverse": (changed(lambda c: {"rotation": c.rotation.T, "translation": -c.rotation.T @ c.translation}), "led from the camera to the world"),
     "C28 exchanged": (exchanged, "if cameras 'cam0' and 'cam2' were exchanged"),
     "C29 mirrored": (seen("cam1", lambda it: it.pixels["cam1"] * (-1, 1) + (SIZE[0] - 1, 0)), "if the images of camera 'cam1' were mirrored"),
@@ -327,7 +323,7 @@ def test_a_sound_calibration_is_left_alone(tmp_path, cameras):
     assert found.severity == "ok" and "meet in space to" in found.text
 
 
-def tracked(folder: Path, use: dict[str, object]) -> tuple[str, TrackingRun]:
+def tracked(folder, use):
     """Return what is said after tracking, and the run."""
     run = TrackingRun.open(Session.open(folder), QUICK | use)
     tracked = {r.frame: r for r in run.track(run.session.frame_range, *run.initial())}
@@ -338,21 +334,21 @@ def tracked(folder: Path, use: dict[str, object]) -> tuple[str, TrackingRun]:
 
 
 LENS = [-0.014, 1.42, 0.0, 0.0, -6.39]  # a real camera's
-QUICK: dict[str, object] = {
+QUICK = {
     "model.fit_size": "false",
     "tracker.escape": False,
     "tracker.recovery": False,
 }
-JOINTS_ALONE: dict[str, object] = {"silhouettes.weight": 0}
+JOINTS_ALONE = {"silhouettes.weight": 0}
 
 
-def simulated(folder: Path, motion: str) -> tuple[Path, list[Camera]]:
+def simulated(folder, motion):
     """Return a recording of a hand's masks by small cameras, and those."""
     what = Simulation(frames=5, size=(320, 240), images=False, motion=motion, seed=1, init_noise_m=0.0, distance_m=0.4)  # fmt: skip
     return simulate(folder, what), list(Session.open(folder).rig)
 
 
-def calibrate(folder: Path, cameras: list[Camera]) -> None:
+def calibrate(folder, cameras):
     write_rig(folder / "calibration.toml", CameraRig(tuple(cameras)))
 
 

@@ -1,7 +1,6 @@
 """First poses: init.json, joints in images, and what the program finds by itself."""
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -106,7 +105,7 @@ def test_joints_on_which_two_cameras_agree_are_a_first_pose(tmp_path, monkeypatc
 class SeesTheTruth(FakeDetector):
     """Sees the true joints of the camera whose image it is handed."""
 
-    def __init__(self, session: Session, frame: int) -> None:
+    def __init__(self, session, frame):
         super().__init__()
         truth = points(session, frame)
         self._images = [
@@ -137,7 +136,7 @@ def test_a_pose_that_hardly_says_where_the_joints_are_ends_no_search(session, mo
     def found_in(models, settings, seen, *_):
         looked.append(seen.frame)
         confidence, near = (0.003, 0.003) if seen.frame == 0 else (0.9, 0.95)
-        solved: Any = SimpleNamespace(result=SimpleNamespace(status=Status.TRACKED))
+        solved = SimpleNamespace(result=SimpleNamespace(status=Status.TRACKED))
         params = models[0].rest_params()
         return [Candidate(models[0], params, solved=solved, confidence=confidence, p_in_basin=near)]
 

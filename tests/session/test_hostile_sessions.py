@@ -88,7 +88,7 @@ def test_links_out_of_the_folder(folder):
     contains(refusal(folder), '"cam0/000.png" leaves the session folder', "copy the files there")
 
 
-def without(folder: Path, name: str) -> Path:
+def without(folder, name):
     """Return where a file of the session may stand, and remove what is there."""
     (folder / name).parent.mkdir(exist_ok=True)
     (folder / name).unlink(missing_ok=True)
@@ -145,7 +145,7 @@ def test_c29_cameras_go_by_their_names_whatever_the_order(folder):
 
 
 class Canary:
-    def __reduce__(self) -> tuple:
+    def __reduce__(self):
         return (Path.touch, (Path("canary"),))
 
 
@@ -170,7 +170,7 @@ def test_c58_tables_as_spreadsheets_write_them(folder):
     contains(refusal(folder), "the columns are camera;frame;time_s", "expected camera,frame,time_s")
 
 
-TIMES: dict[str, tuple[str, list[str]]] = {
+TIMES = {
     "columns": ("cam,frame,t\ncam0,0,0.0", ["the columns are cam,frame,t", "camera,frame,time_s"]),
     "empty": ("", ["the columns are missing", "expected camera,frame,time_s"]),
     "text": ("camera,frame,time_s\ncam0,one,0.0", ["line 2: 'cam0,one,0.0'", "whole frame number"]),

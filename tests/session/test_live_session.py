@@ -1,8 +1,5 @@
 """A live session is another source of what a recording gives: the same masks, the same tracking; and it becomes a recording."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -26,10 +23,10 @@ def hand_image(x: int = 17) -> Array:
 class Studio:
     """A live session of two scripted cameras."""
 
-    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.devices: dict[str, ScriptedDevice] = {}
+    def __init__(self, folder, monkeypatch):
+        self.devices = {}
 
-        def opened(device: str, *_: object) -> ScriptedDevice:
+        def opened(device, *_):
             self.devices[device] = ScriptedDevice(hand_image())
             return self.devices[device]
 
@@ -38,7 +35,7 @@ class Studio:
         for device in self.devices.values():
             device.begin()
 
-    def show(self, image: Array | None = None) -> int:
+    def show(self, image=None):
         """Let both cameras show an image; return the frame made of it."""
         feed = self.session.live
         for device in self.devices.values():
@@ -46,7 +43,7 @@ class Studio:
         made = feed.make_next(10.0)
         return made.number
 
-    def close(self) -> None:
+    def close(self):
         feed = self.session.live
         for device in self.devices.values():
             device.fail(9)
@@ -54,7 +51,7 @@ class Studio:
 
 
 @pytest.fixture
-def studio(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Studio]:
+def studio(folder, monkeypatch):
     made = Studio(folder, monkeypatch)
     yield made
     made.close()

@@ -1,16 +1,14 @@
 """Masks made again by tracked poses: better than by joints, where joints are poor, and never over files of others."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
 
-from handtrack import Session, Status, TrackResult, load_model
+from handtrack import Status, load_model
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 from handtrack.session.layout import MASKS_FOLDER
 from handtrack.session.refined_masks import MaskRefinement
-from tests.capture.seeded_scenes import Recording, recording
+from tests.capture.seeded_scenes import recording
 from tests.sample_track import labels_of, posed_frame
 from tests.session.test_seeded_session import images_in, opened
 
@@ -18,7 +16,7 @@ OFF_M = 0.003
 LOST = 5
 
 
-def track_of(drawn: Recording, rng: np.random.Generator) -> TrackResult:
+def track_of(drawn, rng):
     """Return the true poses, the whole hand some millimetres aside; one frame is lost."""
     model = load_model("hand26")
     frames = []
@@ -30,12 +28,12 @@ def track_of(drawn: Recording, rng: np.random.Generator) -> TrackResult:
 
 
 @pytest.fixture(scope="module")
-def drawn() -> Recording:
+def drawn():
     return recording("wood", np.random.default_rng(7), 16)
 
 
 @pytest.fixture
-def session(tmp_path: Path, drawn: Recording) -> Session:
+def session(tmp_path, drawn):
     images_in(tmp_path, drawn)
     return opened(tmp_path, '{ method = "skin_ycrcb" }')
 

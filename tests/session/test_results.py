@@ -4,7 +4,6 @@ import os
 import time
 import zipfile
 from dataclasses import MISSING, fields, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,7 +36,7 @@ from tests.sample_track import PARAMETERS, sample_frame, sample_track, stacked
 from tests.session.small_session import edit
 
 
-def assert_same(one: TrackResult, other: TrackResult) -> None:
+def assert_same(one, other):
     for field in fields(TrackResult):
         assert_array_equal(getattr(one, field.name), getattr(other, field.name))
 
@@ -179,7 +178,7 @@ def test_a12_whatever_track_file_is_put_there_is_kept_as_a_take(rng, tmp_path):
     poses = tmp_path / "tracks/poses.npz"
     poses.parent.mkdir()
 
-    def imported() -> str:
+    def imported():
         with WritableStore(poses.parent, "a test") as store:
             return import_track(store, tmp_path)
 
@@ -198,13 +197,13 @@ def test_a12_whatever_track_file_is_put_there_is_kept_as_a_take(rng, tmp_path):
     assert store.current() == (Span(1, 3, 9),), "what is current is the user's choice"
 
 
-def made_from(folder: Path, frames: range = range(4), iterations: int = 30) -> dict[str, str]:
+def made_from(folder, frames=range(4), iterations=30):
     values = {"model.fit_size": False, "solver.iterations": iterations}
     run = TrackingRun.open(Session.open(folder), values)
     return dict(about_take(run, "a test", frames, *run.initial()).inputs)
 
 
-def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:
+def changed(before, after):
     return {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
 
 

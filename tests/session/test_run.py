@@ -113,10 +113,10 @@ SMALL = HandScale(0.67)
 POSES = motion(MEAN, "open_fist_open", 100, np.random.default_rng(0))[:2]
 
 
-def run_of(scale: HandScale, observations, first=None) -> SimpleNamespace:
+def run_of(scale, observations, first=None):
     """Return what of a run a fit of the size asks for."""
 
-    def with_scale(size: HandScale) -> SimpleNamespace:
+    def with_scale(size):
         return run_of(size, observations, first)
 
     return SimpleNamespace(
@@ -126,7 +126,7 @@ def run_of(scale: HandScale, observations, first=None) -> SimpleNamespace:
     )  # fmt: skip
 
 
-def fitted(missing: float, scale: HandScale = HandScale(), first=None):
+def fitted(missing, scale=HandScale(), first=None):
     sensor = Sensor((160, 120), missing=missing)
     seen = list(depth_views(MEAN, POSES, sensor, np.random.default_rng(3)))
     run = run_of(scale, seen, first)
@@ -153,7 +153,7 @@ def test_half_a_hand_tells_no_size():
 
 
 def test_what_is_stated_of_joints_includes_a_size_that_is_held():
-    def stated(scale: HandScale) -> np.ndarray:
+    def stated(scale):
         model = load_model("hand26", scale=scale)
         params = model.rest_params()
         seen = next(iter(depth_views(MEAN, POSES, Sensor((160, 120)), np.random.default_rng(0))))

@@ -16,12 +16,12 @@ SHAPE = (48, 64)
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """The first camera's image n is n grey levels bright, at 10 fps."""
     return recorded(make_session(tmp_path), "cam0", range(COUNT))
 
 
-def recorded(folder: Path, name: str, levels: range | list[int]) -> Path:
+def recorded(folder, name, levels):
     """Write images 0, 1, 2 … whose grey levels say what moment they show."""
     (folder / name).mkdir(exist_ok=True)
     for old in (folder / name).iterdir():
@@ -31,7 +31,7 @@ def recorded(folder: Path, name: str, levels: range | list[int]) -> Path:
     return folder
 
 
-def second_camera(folder: Path, settings: str, levels: range | list[int]) -> Session:
+def second_camera(folder, settings, levels):
     """Return the session with images of a second camera, and lines for its table."""
     recorded(folder, "cam1", levels)
     edit(
@@ -42,7 +42,7 @@ def second_camera(folder: Path, settings: str, levels: range | list[int]) -> Ses
     return Session.open(folder)
 
 
-def shown(session: Session, name: str, frames: range = range(COUNT)) -> list[int | None]:
+def shown(session, name, frames=range(COUNT)):
     """Return what moment the images of some frames show."""
     images = (session.image(name, frame) for frame in frames)
     return [None if image is None else int(image[0, 0, 0]) for image in images]
@@ -68,7 +68,7 @@ def test_c7_a_faster_and_a_slower_camera_are_joined_by_time(folder):
     assert joined == [0, None, 1, None, 2]
 
 
-def stamps(folder: Path, times: dict[str, list[float]]) -> Session:
+def stamps(folder, times):
     rows = [f"{name},{i},{t:.4f}" for name, row in times.items() for i, t in enumerate(row)]
     (folder / "t.csv").write_text("\n".join(["camera,frame,time_s", *rows]))
     edit(folder / "session.toml", "fps = 10.0", 'timestamps = "t.csv"')
@@ -90,7 +90,7 @@ FRAMES = 40
 
 
 @pytest.fixture
-def filmed(tmp_path: Path) -> Path:
+def filmed(tmp_path):
     """A session with a video."""
     make_session(tmp_path)
     edit(tmp_path / "session.toml", 'images = "cam0/*.png"', 'images = "cam0.avi"')

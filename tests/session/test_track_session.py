@@ -14,7 +14,6 @@ from handtrack import (
     load_model,
     track_session,
 )
-from handtrack.arrays import Floats
 from handtrack.session.track_session import SizeFitted, tracking_segments
 from tests.app.command_line import small_recording
 
@@ -34,13 +33,11 @@ def test_a_hand_that_was_sized_on_opening_is_not_sized_again(tmp_path):
     assert end.track.parameters.tobytes() == expected.track.parameters.tobytes()
 
 
-def _segments(
-    frames: range, first: int, fixed=(), guides=(), both_ends=False
-) -> list[tuple[int, int, int, float]]:
+def _segments(frames, first, fixed=(), guides=(), both_ends=False):
     """Return where segments begin and end, from which frame they go, and the frame whose pose they start from (0: the start)."""
     model = load_model("hand26")
 
-    def pose(frame: int) -> Floats:
+    def pose(frame):
         values = model.rest.copy()
         values[0] = frame
         return values

@@ -1,8 +1,6 @@
 """Ground truth: our own file, and as motion capture writes it; the same joints in metres, or refused in a sentence."""
 
 import os
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +17,7 @@ from tests.session.small_session import keypoints, write_truth
 
 NOT_FINITE = np.zeros((4, 21, 3))
 NOT_FINITE[2, 5, 1] = np.inf
-BAD: dict[str, tuple[dict[str, Any], str]] = {
+BAD = {
     "nothing": (
         {"keypoints21": None, "joint_positions": None},
         "no keypoints21 and no joint_positions; expected at least one. Found: joint_names, time_s",
@@ -74,7 +72,7 @@ def test_every_form_gives_the_same_joints(form, tmp_path):
 GAPS = [(1, "wrist"), (2, "wrist"), (1, "ring_pip")]
 
 
-def with_gaps(form: str, path: Path) -> Path:
+def with_gaps(form, path):
     """Write the three frames without some points."""
     (path,) = sample(f"truth/{form}", path)
     if form == "long_csv":

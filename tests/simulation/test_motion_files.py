@@ -1,7 +1,5 @@
 """Motion files: BVH, ASF with AMC, and what positions mean."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -201,7 +199,7 @@ MEANT = {
 }  # fmt: skip
 
 
-def bvh(folder: Path, moves: list[tuple[float, ...]]) -> Path:
+def bvh(folder, moves):
     rows = [
         f"0 90 0 0 0 0 {' '.join(map(str, m[:3]))} 0 0 0 {' '.join(map(str, m[3:]))} 0 0 0"
         for m in moves

@@ -13,7 +13,7 @@ import numpy as np
 from handtrack import HandtrackError
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
-from tests.killing import KILLS, Fate, Tell, forked, killed
+from tests.killing import KILLS, forked, killed
 from tests.store.made import about, files_of, same, step
 
 
@@ -29,7 +29,7 @@ class Known:
     may_be_pruned: set[int] = field(default_factory=set)
     failed: int = 0
 
-    def hear(self, line: list) -> None:
+    def hear(self, line):
         what, state, *told = line
         if what == "frame" and state == "done":
             self.frames.add(tuple(told))
@@ -40,7 +40,7 @@ class Known:
             (self.pruned if state == "done" else self.may_be_pruned).add(told[0])
         self.failed += what == "failed"
 
-    def check(self, folder: Path) -> None:
+    def check(self, folder):
         store = Store(folder)
         takes = {take.number: take for take in store.takes()}
         assert not self.pruned & takes.keys()
@@ -54,7 +54,7 @@ class Known:
                 assert same(found[take][frame], step(np.random.default_rng(seed), frame))
 
 
-def work(folder: Path, told: Tell, rng: random.Random, fate: Fate) -> None:
+def work(folder, told, rng, fate):
     """Do whatever a program does with a store, telling before and after each deed."""
     with WritableStore(folder, "a test") as store:
         fate.arm()

@@ -1,18 +1,13 @@
 """Tracking goes on from steps that were stored as if it had never stopped: every number is the same to the bit."""
 
-from collections.abc import Sequence
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from handtrack import FrameResult, ImageKeypoints, Observation, Tracker, TrackerSettings, load_model
-from handtrack.arrays import Floats
+from handtrack import ImageKeypoints, Observation, Tracker, TrackerSettings, load_model
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.store.store import Store, WritableStore
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.sequence import track_recording
-from handtrack.tracking.state import Step
 from tests.experiments.scenes.closing_fist import scene
 from tests.store.made import about, same
 from tests.tracking.test_appearance import BY_IMAGES, MODEL, observer
@@ -22,7 +17,7 @@ SCENE = scene(2, 100, (96, 72), range(8, 14))
 POSES = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
 
 
-def stored(folder: Path, steps: Sequence[Step]) -> list[Step]:
+def stored(folder, steps):
     """Return steps as a store gives them back."""
     with WritableStore(folder, "a test") as store:
         writer = store.begin(about())
@@ -31,18 +26,11 @@ def stored(folder: Path, steps: Sequence[Step]) -> list[Step]:
     return Store(folder).takes()[-1].steps()
 
 
-def check_every_cut(
-    folder: Path,
-    tracker: Tracker,
-    seen: Sequence[Observation],
-    poses: Sequence[Floats],
-    start: int,
-    frames: range,
-) -> list[FrameResult]:
+def check_every_cut(folder, tracker, seen, poses, start, frames):
     """Track; then again from every step on. Return the results of the first time."""
 
-    def tracked(done: Sequence[Step] = ()) -> tuple[list[Step], list[FrameResult]]:
-        steps: list[Step] = []
+    def tracked(done=()):
+        steps = []
         control = Control(on_step=steps.append)
         path = track_recording(
             tracker, lambda f, _: seen[f], start, poses[start], frames, control, done

@@ -7,8 +7,6 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +22,7 @@ from tests.store.made import about, add_take, files_of, same, step
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     return tmp_path / "tracks"
 
 
@@ -82,7 +80,7 @@ def test_a7_a_write_that_fails_at_any_call_leaves_all_that_was_saved(folder, mon
     real = {name: getattr(os, name) for name in names}
     left = [0]
 
-    def failing(name: str):
+    def failing(name):
         def call(*args, **options):
             left[0] -= 1
             if left[0] == 0:
@@ -175,7 +173,7 @@ RECORDS = [
 FILE = b"".join(map(encoded, RECORDS))
 
 
-def same_record(one: Record | Gap, other: Record | Gap) -> bool:
+def same_record(one, other):
     """Whether they hold the same, wherever they stand."""
     unplaced = [replace(r, offset=0) if isinstance(r, Record) else r for r in (one, other)]
     return repr(unplaced[0]) == repr(unplaced[1])
@@ -194,14 +192,14 @@ def test_a_cut_file_loses_its_end_alone(length):
     assert not gaps or (isinstance(gaps[-1], Gap) and gaps[-1].at_end)
 
 
-def do(history: History, key: str, after: Any, joins: bool = False) -> Action:
+def do(history, key, after, joins=False):
     change = Change(key, history.state.get(key), after)
     action = history.next(f"{key} to {after}", [change], "do", joins)
     history.take(action)
     return action
 
 
-def travel(history: History, action: Action | None) -> str:
+def travel(history, action):
     history.take(action)
     return action.words
 
@@ -287,7 +285,7 @@ def test_a_torn_lease_is_no_reason_to_write(tmp_path):
 def test_of_two_that_find_a_stale_lease_one_gets_it(tmp_path, monkeypatch):
     really, others = lease_file._newest, []
 
-    def newest(folder: Path) -> Path | None:
+    def newest(folder):
         found = really(folder)
         if not others:
             others.append(None)

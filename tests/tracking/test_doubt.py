@@ -24,7 +24,7 @@ HAND = load_model("hand26")
 CHI2_90 = 6.251388631170325
 
 
-def flat(total_m: float) -> np.ndarray:
+def flat(total_m):
     return np.tile(total_m**2 / 3 * np.eye(3), (len(HAND.joint_names), 1, 1))
 
 
@@ -82,7 +82,7 @@ def test_joints_that_noise_leaves_open_are_a_sign_of_a_gross_error(rng):
     seen, bones = mask_views(HAND, pose, list(simulated_rig(2, (160, 120), 0.4))), HAND.bones(pose)
     terms = frame_terms(HAND, TrackerSettings(), seen, bones, None)
 
-    def beside_the_tail(total_m: float) -> float:
+    def beside_the_tail(total_m):
         found = frame_confidence(terms, pose, 10.0, {"coverage": 10.0}, flat(total_m), (), 0.0)
         return found.p_off_25mm - probably_beyond(found.joint_covariance, 0.025).max()
 
@@ -96,7 +96,7 @@ def test_detected_joints_that_agree_lower_the_doubt_of_a_closed_hand(rng):
     rig = list(simulated_rig(2, (160, 120), 0.4))
     seen, bones = mask_views(HAND, pose, rig), HAND.bones(pose)
 
-    def doubt(off_px: float | None) -> tuple[float, float]:
+    def doubt(off_px):
         cameras = rig if off_px is not None else []
         joints = joints_seen(cameras, HAND.keypoints21(bones), off_px)
         terms = frame_terms(HAND, TrackerSettings(), replace(seen, keypoints=joints), bones, None)

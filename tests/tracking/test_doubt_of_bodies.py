@@ -59,7 +59,7 @@ def joints_of_body(
     return Observation(0, 0.0, keypoints=tuple(joints))
 
 
-def _flipped(pose: np.ndarray) -> np.ndarray:
+def _flipped(pose):
     """Return the pose with its left arm flipped as far as it goes."""
     chain = chain_along(BODY, "arm", ("left_shoulder", "left_elbow", "left_wrist"))
     leaves = interpretation_tree(BODY, pose, [chain], FRONT).params
@@ -112,16 +112,14 @@ def test_a_body_in_one_camera_is_doubtful_and_in_two_it_is_not():
 FRAMES = range(4)
 
 
-def _reaching() -> np.ndarray:
+def _reaching():
     """Return an arm that is held out to the front, and a little more so in each frame."""
     bends = 0.4 + 0.02 * np.arange(len(FRAMES))
     return np.array([BODY.params_from({"left_shoulder_flex": bend}) for bend in bends])
 
 
-def _evidence(
-    poses: np.ndarray, *cameras: Camera, off_px: Floats = np.zeros((4, 1, 2))
-) -> Evidence:
-    def observe(frame: int, _bones: object = None) -> Observation:
+def _evidence(poses, *cameras, off_px=np.zeros((4, 1, 2))):
+    def observe(frame, _bones=None):
         seen = joints_of_body(poses[frame], *cameras, off_px=off_px[frame])
         return replace(seen, frame=frame, time_s=frame / 25.0)
 
@@ -129,7 +127,7 @@ def _evidence(
     return Evidence(BODY, settings, observe, dict(zip(FRAMES, poses, strict=True)), 0.04)
 
 
-def _way(poses: np.ndarray, *cameras: Camera) -> TrajectoryHypothesis:
+def _way(poses, *cameras):
     evidence = _evidence(poses, *cameras)
     found = estimate_whole(evidence, FRAMES, poses, sweeps=3)
     assert found is not None

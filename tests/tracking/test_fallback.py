@@ -11,7 +11,6 @@ from handtrack import HandScale, Status, Tracker, TrackerSettings, TrackerState,
 from handtrack.simulation.motion import motion
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import agreement, cloud_terms, see_cloud
-from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
 from handtrack.tracking.sequence import track_frames
 from tests.experiments.scenes.simulated_clouds import DIGICLOPS, FINE, Sensor, depth_views
@@ -137,7 +136,7 @@ def test_a_doubt_begins_below_one_bound_and_ends_above_a_higher_one():
     seen = [cloud(missing, frame) for frame, missing in enumerate(clouds)]
     quick = {"tracker.escape": False, "tracker.recovery": False, "solver.iterations": 6}
     tracker = Tracker(MODEL, TrackerSettings().with_values(quick))
-    told: list[SearchReport] = []
+    told = []
     control = Control(on_search=told.append)
     path = track_frames(tracker, lambda f, *_: seen[f], 0, POSE, range(len(seen)), control)
     results = list(path)

@@ -40,7 +40,7 @@ def test_more_smoothing_pulls_more_and_a_longer_gap_less():
     expected = MODEL.rest_params()
     moved, settings = expected + 0.01, TrackerSettings().prior
 
-    def cost(smoothing: float, ahead: int) -> float:
+    def cost(smoothing, ahead):
         return motion_prior(expected, settings, smoothing, ahead).cost(moved)
 
     once = cost(1.0, 1)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from handtrack import Keypoints, Observation, Tracker, TrackerSettings, load_model
-from handtrack.arrays import Floats
 from handtrack.observation.pins import ImagePins, Pin
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
@@ -23,7 +22,7 @@ STOOD = HAND.rest_params()
 STOOD[1] = -0.09
 
 
-def _joints(params: Floats) -> Floats:
+def _joints(params):
     return HAND.joint_positions(HAND.bones(params))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack import Observation, Status, Tracker
+from handtrack import Status, Tracker
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.sequence import refine_recording, track_frames
 from handtrack.tracking.tracker import CONFIRMED_BY
@@ -33,7 +33,7 @@ def followed(observe=seen, frames=range(COUNT), tracker=TRACKER, control=Control
     return list(track_frames(tracker, observe, 0, START, frames, control))
 
 
-def without(observation: Observation, cameras: tuple[str, ...]) -> Observation:
+def without(observation, cameras):
     left = tuple(s for s in observation.silhouettes if s.camera.name not in cameras)
     return replace(observation, silhouettes=left)
 

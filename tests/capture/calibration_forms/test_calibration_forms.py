@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,7 +16,7 @@ from tests.capture.sample_files import SAMPLES, forms, rig_of_two, sample
 SIZES = {"cam0": (640, 480), "cam1": (640, 480)}
 
 
-def taken_in(paths: list[Path], folder: Path) -> tuple[CameraRig, bytes]:
+def taken_in(paths, folder):
     """Return what `handtrack new` keeps of a calibration: the cameras that a session reads, and their file."""
     given, _ = named(read_calibration(paths), list(SIZES), "it")
     given = sized(given, SIZES, "it")
@@ -28,7 +27,7 @@ def taken_in(paths: list[Path], folder: Path) -> tuple[CameraRig, bytes]:
     return read_rig(folder / "kept.toml"), (folder / "kept.toml").read_bytes()
 
 
-def largest_difference_px(rig: CameraRig, other: CameraRig) -> float:
+def largest_difference_px(rig, other):
     points = np.random.default_rng(0).uniform([-0.15, -0.1, 0.3], [0.15, 0.1, 0.7], (1000, 3))
     apart = [np.abs(rig[c].project(points) - other[c].project(points)) for c in rig.names]
     assert np.isfinite(apart).all()
@@ -92,7 +91,7 @@ def fisheyes() -> dict[str, dict]:
     return json.loads((SAMPLES / "calibration/fisheye_json/fisheye.json").read_text())
 
 
-def tables_in(folder: Path) -> dict[str, dict]:
+def tables_in(folder):
     """Return the rig as JSON has it: K, dist, R, t, size by camera."""
     (path,) = sample("calibration/json", folder)
     return json.loads(path.read_text())
