@@ -41,7 +41,7 @@ def page(bench, wire):
 def pages(bench):
     """Two pages of that workbench."""
     with WireClient(bench.url) as one, WireClient(bench.url) as other:
-        eventually(lambda: len(bench.server.get_clients()) == 2, "both are there")
+        eventually(lambda: len(bench.server.get_clients()) == 2)
         yield one, other
 
 
@@ -99,5 +99,5 @@ def session(recorded, tmp_path):
 def cloudy(tmp_path):
     """A workbench with a recording that has clouds, the first of them shown."""
     with shown(cloudy_session(tmp_path)) as workbench:
-        eventually(lambda: bool(workbench.stage.cloud.points.visible), "the cloud came")
+        eventually(lambda: bool(workbench.stage.cloud.points.visible))
         yield workbench

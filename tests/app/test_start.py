@@ -86,12 +86,12 @@ def test_recordings_are_remembered_as_long_as_they_are_there(monkeypatch, tmp_pa
 def test_a_recording_is_made_in_the_browser(start, folder, tmp_path):
     with WireClient(start.door.url) as client:
         client.set_value(start.folder, str(tmp_path / "away"))
-        eventually(lambda: "no such folder" in start.output.content, "nothing there")
+        eventually(lambda: "no such folder" in start.output.content)
         client.set_value(start.folder, str(tmp_path))
-        eventually(lambda: folder.name in [entry.label for entry in start._entries], "listed")
+        eventually(lambda: folder.name in [entry.label for entry in start._entries])
         assert not start.making.visible
         client.press(folder.name)
-        eventually(lambda: start.make.visible, "found")
+        eventually(lambda: start.make.visible)
         assert (
             "take3_cam0.mp4" in start.found.content
             and "a calibration.toml" in start.calibration.value
@@ -99,7 +99,7 @@ def test_a_recording_is_made_in_the_browser(start, folder, tmp_path):
         client.set_value(start.tracked, "left hand")
         client.set_value(start.masks, "none")
         client.set_value(start.make, True)
-        eventually(lambda: start.chosen is not None, "made")
+        eventually(lambda: start.chosen is not None)
     made = Session.open(tmp_path / "my take_handtrack")
     assert start.wait() == made.folder
     assert made.file.hand.side == "left" and made.frame_count == 100
@@ -108,10 +108,10 @@ def test_a_recording_is_made_in_the_browser(start, folder, tmp_path):
 def test_recordings_are_cards_with_pictures_and_an_example_opens(start):
     with WireClient(start.door.url) as client:
         said = lambda: str(list(client.messages))  # noqa: E731
-        eventually(lambda: said().count("class='handtrack-card'") >= len(bundled_names()), "cards")
-        eventually(lambda: "image/jpeg" in said(), "a picture")
+        eventually(lambda: said().count("class='handtrack-card'") >= len(bundled_names()))
+        eventually(lambda: "image/jpeg" in said())
         client.press("Open another_hand")
-        eventually(lambda: start.chosen is not None, "chosen")
+        eventually(lambda: start.chosen is not None)
     assert start.wait() == bundled_session("another_hand")
 
 
@@ -137,18 +137,18 @@ def test_a_calibration_is_uploaded(start, folder, tmp_path):
     files = sample("calibration/opencv_a_file_a_camera", tmp_path)
     start.folder.value = str(folder)
     with WireClient(start.door.url) as client:
-        eventually(start.door.server.get_clients, "it came")
+        eventually(start.door.server.get_clients)
         upload(client, start, tmp_path / "my calibration.toml")
-        eventually(lambda: start.make.visible, "taken")
+        eventually(lambda: start.make.visible)
         assert start.found.content.count("ready") == 3
         (kept,) = start._found.calibrations
         assert kept.name == "my calibration.toml"
         for path in files:
             upload(client, start, path)
-        eventually(lambda: len(start.calibration.value.split(";")) == 2, "one for each camera")
+        eventually(lambda: len(start.calibration.value.split(";")) == 2)
         for name, size in (("large.toml", LARGEST_FILE + 1), ("film.mp4", 3 * 1024**3)):
             client.send(begins(start.upload, size, filename=name))
-            eventually(lambda name=name: f"{name} is too large" in start.output.content, "said")
+            eventually(lambda name=name: f"{name} is too large" in start.output.content)
     assert [path.name for path in kept.parent.iterdir()] != []
     start.stop()
     assert not kept.parent.exists()
@@ -173,7 +173,7 @@ def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatc
         shutil.copytree(BUNDLED, args[args.index("--out") + 1])
         assert not start.pictures.visible
         tell("detecting:  37%|███▋      | 22/60 [00:10<00:17, 2.2frame/s]")
-        eventually(lambda: start.pictures.visible, "pictures of the cameras")
+        eventually(lambda: start.pictures.visible)
         assert "<figcaption>cam1" in start.pictures.content
         end(130)
 
@@ -184,7 +184,7 @@ def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatc
     assert start.open_done.visible and start.opening.visible and not start.cancel.visible
     with WireClient(start.door.url) as client:
         client.press("Open what is done")
-        eventually(lambda: start.chosen == folder.parent / "my take_handtrack", "opened")
+        eventually(lambda: start.chosen == folder.parent / "my take_handtrack")
 
 
 def test_a_pose2sim_project_is_known(start, asked, tmp_path, monkeypatch):
@@ -193,7 +193,7 @@ def test_a_pose2sim_project_is_known(start, asked, tmp_path, monkeypatch):
     monkeypatch.setattr("handtrack_app.start.start_page.has_weights", lambda: False)
     with WireClient(start.door.url) as client:
         client.set_value(start.folder, str(trial))
-        eventually(lambda: start.make.visible, "it is known")
+        eventually(lambda: start.make.visible)
     assert "a Pose2Sim project" in start.found.content
     assert not start.fetch.visible, "its joints need no detector"
     start.make_session()

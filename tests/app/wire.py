@@ -27,7 +27,7 @@ class Browser:
 
     def __init__(self, bench: Workbench, wire: WireClient) -> None:
         self.bench, self.wire = bench, wire
-        self.number = max(eventually(bench.server.get_clients, "it came"))
+        self.number = max(eventually(bench.server.get_clients))
         self.press = wire.trigger
 
     def drag(
@@ -71,7 +71,7 @@ class Browser:
                 return False
             return np.allclose(self.target - self.centre, view.told[-1].way, rtol=0, atol=1e-9)
 
-        eventually(told, "told where to look")
+        eventually(told)
         self.tell(self.centre, self.target, width)
 
     @property

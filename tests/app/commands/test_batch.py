@@ -110,7 +110,7 @@ def test_killed_at_random_at_most_one_recording_a_job_is_done_again(tmp_path):
             child.join()
             assert child.exitcode == 3
             break
-        eventually(lambda: not child.is_alive() or len(ended(ledger)) > settled, "done")  # noqa: B023
+        eventually(lambda: not child.is_alive() or len(ended(ledger)) > settled)  # noqa: B023
         time.sleep(rng.uniform(0.0, 0.1))
         child.kill()
         child.join()

@@ -242,7 +242,7 @@ def test_a_client_of_another_version_is_told_so_and_the_terminal_is_not(door, ca
     with connect(url, subprotocols=["viser-v0.9"]) as old, pytest.raises(ConnectionClosed) as end:
         old.recv(timeout=60)
     assert end.value.rcvd.code == 1002
-    eventually(lambda: not door.server._websock_server._live_connections, "gone")
+    eventually(lambda: not door.server._websock_server._live_connections)
     assert capfd.readouterr().out == ""
 
 

@@ -73,5 +73,5 @@ def test_a_request_that_is_no_browsers_is_kept_there(log, small, capfd, monkeypa
         wire.sendall(b"HEAD / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
         while wire.recv(4096):
             pass
-    eventually(lambda: log.is_file() and "unsupported HTTP method" in log.read_text(), "kept")
+    eventually(lambda: log.is_file() and "unsupported HTTP method" in log.read_text())
     assert "Traceback" not in capfd.readouterr().err

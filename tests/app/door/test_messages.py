@@ -206,7 +206,7 @@ def test_a_small_file_reaches_an_upload_button_and_nothing_else_does(small):
     small.door.messages.files[button._impl.uuid] = lambda *file: small.heard.append(file[1:])
     whole = bytes(range(256)) * (LARGEST_FILE // 256)
     with WireClient(small.url) as client:
-        eventually(small.door.server.get_clients, "it came")
+        eventually(small.door.server.get_clients)
         for odd in (
             begins(button, -1), begins(button, LARGEST_FILE, 2), begins(button, 3, 0), part(button, b"x"),
             begins(button, 3), part(button, b"four"), begins(button, 3), part(button, "abc"),
@@ -216,7 +216,7 @@ def test_a_small_file_reaches_an_upload_button_and_nothing_else_does(small):
             client.send(odd)
         client.send(begins(button, len(whole), transfer="2"))
         client.send(part(button, whole, transfer="2"))
-        eventually(lambda: small.heard, "it came whole")
+        eventually(lambda: small.heard)
         client.send(begins(button, 10**8))
         eventually(lambda: len(small.heard) == 2, "one that is too large")
         for k in range(100):
@@ -245,7 +245,7 @@ def test_a11_a_large_message_ends_its_sender_only(small):
     with WireClient(small.url) as other, WireClient(small.url) as client:
         with contextlib.suppress(ConnectionClosed):
             client.send({"type": "X", "more": bytes(LARGEST_MESSAGE + LARGEST_FILE + 1)})
-        eventually(lambda: client.close_code == 1009, "sent away")
+        eventually(lambda: client.close_code == 1009)
         other.set_value(small.slider, 4.0)
         eventually(lambda: 4.0 in small.heard, "the other one goes on")
 
@@ -257,7 +257,7 @@ def test_a11_pings_without_end_send_their_sender_away(small, monkeypatch):
     with WireClient(small.url) as client:
         with contextlib.suppress(OSError):
             client.send_packed(ping * 100_000)
-        eventually(lambda: client.close_code is not None, "sent away")
+        eventually(lambda: client.close_code is not None)
 
 
 def test_the_last_of_many_values_arrives(small):
@@ -266,13 +266,13 @@ def test_the_last_of_many_values_arrives(small):
         for k in range(1500):
             client.set_value(small.slider, (k % 20) / 2)
         client.set_value(small.slider, 7.0)
-        eventually(lambda: small.slider.value == 7.0, "the last one")
+        eventually(lambda: small.slider.value == 7.0)
 
 
 def test_what_the_page_said_outlives_what_the_program_writes(small):
     with WireClient(small.url) as client:
         client.set_value(small.slider, 3.0)
-        eventually(lambda: small.slider.value == 3.0, "came")
+        eventually(lambda: small.slider.value == 3.0)
     small.slider.value = 9.0
     assert small.door.messages.sent_value(small.slider) == 3.0
     assert small.door.messages.sent_value(small.whole) == 1
@@ -280,7 +280,7 @@ def test_what_the_page_said_outlives_what_the_program_writes(small):
 
 def test_a_node_of_one_page_alone_is_moved_by_that_page(small):
     with WireClient(small.url), WireClient(small.url):
-        eventually(lambda: len(small.door.server.get_clients()) == 2, "both are there")
+        eventually(lambda: len(small.door.server.get_clients()) == 2)
         first, second = sorted(small.door.server.get_clients())
         own = small.door.server.get_clients()[first]
         own.scene.add_image("/screen", np.zeros((4, 4, 3), np.uint8), 1.0, 1.0)

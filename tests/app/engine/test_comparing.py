@@ -33,9 +33,9 @@ def test_a_take_comes_back(bench, wire):
     second = _bends(bench)
     wire.set_value(panel.chosen, "1")
     wire.set_value(panel.back, True)
-    eventually(lambda: _bends(bench) == first, "of take 1")
+    eventually(lambda: _bends(bench) == first)
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: _bends(bench) == second, "the frames of take 2 again")
+    eventually(lambda: _bends(bench) == second)
 
 
 def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench, wire):
@@ -45,9 +45,9 @@ def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench, wire):
         posed = tuple(value + by * (n == 10) for n, value in enumerate(document.start))
         bench.engine.set_pose(frame, posed, 100 + frame)
     bench.go_to(2)
-    eventually(lambda: bool(tracking.between.visible), "offered")
+    eventually(lambda: bool(tracking.between.visible))
     wire.set_value(tracking.between, True)
-    eventually(lambda: set(document.results) == set(range(3, 9)), "tracked")
+    eventually(lambda: set(document.results) == set(range(3, 9)))
     at = document.model.parameter_names.index("index_mcp_flex")
     for frame, kept in ((3, 2), (8, 9)):
         bends = document.results[frame].parameters[at], document.by_hand[kept][at]

@@ -53,27 +53,25 @@ def test_the_hand_is_found_taken_and_can_be_undone(bench, wire, search):
     panel, state = bench.layout.guesses, bench.state
     before = state.values
     wire.set_value(panel.find, "best frame")
-    eventually(lambda: bool(panel.cancel.visible) and not panel.find.visible, "it can be cancelled")
+    eventually(lambda: bool(panel.cancel.visible) and not panel.find.visible)
     shown = bench.layout.progress
-    eventually(
-        lambda: (shown.text, shown.done, shown.total) == ("40 of 100 starts", 40, 100), "progress"
-    )
+    eventually(lambda: (shown.text, shown.done, shown.total) == ("40 of 100 starts", 40, 100))
     search.set()
     eventually(lambda: state.frame == 5 and abs(state.values[0] - 0.03) < 1e-9, "the surest taken")
-    eventually(lambda: not panel.cancel.visible and panel.find.visible, "the search is over")
-    eventually(lambda: panel.takes.options == ("1", "2"), "two to take")
-    eventually(lambda: bool(bench.stage.ghosts.bones.visible), "ghosts")
-    eventually(lambda: ">found<" in bench.layout.pose.card.content, "called found")
+    eventually(lambda: not panel.cancel.visible and panel.find.visible)
+    eventually(lambda: panel.takes.options == ("1", "2"))
+    eventually(lambda: bool(bench.stage.ghosts.bones.visible))
+    eventually(lambda: ">found<" in bench.layout.pose.card.content)
     wire.set_value(panel.takes, "2")
-    eventually(lambda: abs(state.values[0] - 0.08) < 1e-9, "the other one")
+    eventually(lambda: abs(state.values[0] - 0.08) < 1e-9)
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: abs(state.values[0] - 0.03) < 1e-9, "undone")
+    eventually(lambda: abs(state.values[0] - 0.03) < 1e-9)
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: np.allclose(state.values, before), "the pose before the search")
+    eventually(lambda: np.allclose(state.values, before))
     bench.go_to(6)
-    eventually(lambda: not bench.stage.ghosts.bones.visible and not panel.folder.visible, "hidden")
+    eventually(lambda: not bench.stage.ghosts.bones.visible and not panel.folder.visible)
     bench.go_to(5)
-    eventually(lambda: bool(bench.stage.ghosts.bones.visible), "there again")
+    eventually(lambda: bool(bench.stage.ghosts.bones.visible))
 
 
 def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path):
@@ -99,12 +97,12 @@ def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path):
 def test_a_search_can_be_cancelled_and_may_find_nothing(bench, search):
     panel = bench.layout.guesses
     bench.engine.find_hand(9)
-    eventually(lambda: bool(panel.cancel.visible), "it runs")
+    eventually(lambda: bool(panel.cancel.visible))
     bench.engine.cancel()
     eventually(lambda: not panel.cancel.visible, "cancelled before the search came to its end")
     search.set()
     bench.engine.find_hand(9)
-    eventually(lambda: "No hand found" in bench.layout.messages.said.content, "told")
+    eventually(lambda: "No hand found" in bench.layout.messages.said.content)
     assert panel.guesses is None
 
 
@@ -123,13 +121,13 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(bench):
     store.end_take(finished=True)
     bench.go_to(4)
     panel, ghosts = bench.layout.guesses, bench.stage.ghosts
-    eventually(lambda: panel.guesses is not None and bool(ghosts.bones.visible), "ghosts")
+    eventually(lambda: panel.guesses is not None and bool(ghosts.bones.visible))
     count = len(model.skeleton.bone_names)
     bones = model.bones(other)
     assert_allclose(ghosts.bones.batched_positions[count:], bones.position, atol=1e-6)
     version = bench.state.version
     bench.stage.take_guess(int(panel.guesses.owner[count + 2]))
-    eventually(lambda: bench.state.version > version and 4 in document.by_hand, "taken by a click")
+    eventually(lambda: bench.state.version > version and 4 in document.by_hand)
     assert_allclose(document.by_hand[4], carried[1].parameters, atol=1e-9)
     bench.layout.page.draw("ghosts", False)
     assert not ghosts.bones.visible

@@ -70,12 +70,12 @@ def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
     studio.worker.engine.record(True, str(new))
     studio.listener.wait(snapshots.LiveSnapshot, lambda s: s.recording == str(new))
     studio.worker.engine.track_live()
-    eventually(lambda: studio.worker.busy, "tracking began")
+    eventually(lambda: studio.worker.busy)
     feed = studio.worker.document.run.session.live
     for count in range(1, 4):
         studio.show()
-        eventually(lambda count=count: feed.counts["cam0"]["used"] >= count, "the images are used")
-    eventually(lambda: len(studio.worker.document.results) >= 3, "they are tracked")
+        eventually(lambda count=count: feed.counts["cam0"]["used"] >= count)
+    eventually(lambda: len(studio.worker.document.results) >= 3)
     studio.worker.engine.cancel()
     ended = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking ended")
     assert "cam0: " in ended.text

@@ -89,14 +89,14 @@ def test_what_is_tried_is_saved_and_taken_back(desk):
     worker.engine.set_masks("cam0", {"y_min": 90})
     masks_told(listener, lambda c: c.unsaved == ("cam0",))
     worker.engine.undo(1)
-    eventually(lambda: not worker.document.unsaved_masks, "undone")
+    eventually(lambda: not worker.document.unsaved_masks)
     worker.engine.set_masks("", {"method": "background_median"})
-    eventually(lambda: len(worker.document.unsaved_masks) == 2, "tried")
+    eventually(lambda: len(worker.document.unsaved_masks) == 2)
     worker.engine.restore_masks()
-    eventually(lambda: not worker.document.unsaved_masks, "as it is saved")
+    eventually(lambda: not worker.document.unsaved_masks)
     worker.engine.set_masks("cam0", {"y_min": 90})
     worker.engine.save_masks()
-    eventually(lambda: "y_min = 90" in (folder / "session.toml").read_text(), "one value")
+    eventually(lambda: "y_min = 90" in (folder / "session.toml").read_text())
     assert len(versions(folder / "session.toml")) == 2
 
 
@@ -109,20 +109,20 @@ def test_a_stroke_becomes_a_file_and_is_undone(desk):
     listener.wait(
         snapshots.MaskPicture, lambda p: p.corrected["cam0"].startswith("corrected here; 1")
     )
-    eventually(lambda: file_of(folder).is_file(), "its file")
+    eventually(lambda: file_of(folder).is_file())
     for session in (worker.document.run.session, Session.open(folder)):  # tracking sees it, too
         seen = session.observation(0).silhouettes[0]
         assert (seen.mask[40, 15], seen.mask[30, 15], seen.mask[Y, X]) == (1, 0, 1)
     stroke(worker, brush="as it is")
     eventually(lambda: not file_of(folder).exists(), "nothing is left of it")
     worker.engine.undo(1)
-    eventually(lambda: file_of(folder).is_file(), "undone")
+    eventually(lambda: file_of(folder).is_file())
     worker.engine.undo(2)
-    eventually(lambda: not file_of(folder).exists(), "undone, too")
+    eventually(lambda: not file_of(folder).exists())
     worker.engine.redo(3)
-    eventually(lambda: file_of(folder).is_file(), "redone")
+    eventually(lambda: file_of(folder).is_file())
     worker.engine.drop_correction(0, "cam0")
-    eventually(lambda: not file_of(folder).exists(), "dropped")
+    eventually(lambda: not file_of(folder).exists())
     assert not versions(file_of(folder))  # all ours
 
 
@@ -135,15 +135,15 @@ def test_what_was_painted_comes_back_and_a_file_from_elsewhere_counts_and_is_kep
     looks.stop()
     assert not held(looks) and not file_of(folder).exists(), "who may not write may not paint"
     stroke(worker)
-    eventually(lambda: held(worker) == [0], "painted")
+    eventually(lambda: held(worker) == [0])
     worker.stop()  # before edits rest
     assert file_of(folder).is_file()
     again, _ = working(folder)
     assert held(again) == [0]
     again.engine.undo(1)
-    eventually(lambda: not file_of(folder).exists(), "undone after opening again")
+    eventually(lambda: not file_of(folder).exists())
     again.engine.redo(2)
-    eventually(lambda: file_of(folder).is_file(), "redone")
+    eventually(lambda: file_of(folder).is_file())
     again.stop()
     theirs = encoded(painted(empty_layer((96, 72)), np.array([[80.0, 8]]), 5.0, HAND))
     for frame in (0, 1):  # over ours, and where we have none
@@ -154,11 +154,11 @@ def test_what_was_painted_comes_back_and_a_file_from_elsewhere_counts_and_is_kep
         assert corrections.content(frame) == theirs
         stroke(again, frame)
     for frame in (0, 1):
-        eventually(lambda frame=frame: len(versions(file_of(folder, frame))) == 1, "theirs is kept")
+        eventually(lambda frame=frame: len(versions(file_of(folder, frame))) == 1)
     layer = corrections.layer(1)
     assert layer[8, 80] == layer[40, 15] == HAND  # painted over theirs
     again.engine.undo(1)
-    eventually(lambda: file_of(folder, 1).read_bytes() == theirs, "undo brings theirs back")
+    eventually(lambda: file_of(folder, 1).read_bytes() == theirs)
     again.stop()
 
 
@@ -169,9 +169,9 @@ def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path):
     worker.engine.paint_mask(2, "cam0", "not hand", square, 6.0, "1")
     worker.engine.paint_mask(5, "cam0", "hand", ((5.0, 5.0),), 4.0, "2")
     worker.engine.carry_masks(2, "", 20, 20)
-    eventually(lambda: file_of(folder, 4).is_file(), "carried")
+    eventually(lambda: file_of(folder, 4).is_file())
     corrections = worker.document.run.session.view("cam0").corrections
-    eventually(lambda: corrections.frames == [0, 1, 2, 3, 4, 5], "to all frames beside")
+    eventually(lambda: corrections.frames == [0, 1, 2, 3, 4, 5])
     layer, own = corrections.layer(4), corrections.layer(2)
     assert layer is not None
     assert own is not None
@@ -181,7 +181,7 @@ def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path):
     assert not (painted_there == 0).any()
     listener.told("4 frames")
     worker.engine.undo(1)
-    eventually(lambda: corrections.frames == [2, 5], "undone as one")
+    eventually(lambda: corrections.frames == [2, 5])
     worker.engine.carry_masks(0, "cam1", 1, 1)
     listener.told("nothing to carry")
     worker.stop()
@@ -197,11 +197,11 @@ def test_files_are_said_to_be_files_and_stay(tmp_path):
     assert card.words.startswith("Masks of cam0")
     before = mask.read_bytes()
     stroke(worker)
-    eventually(lambda: file_of(folder).is_file(), "painted over it")
+    eventually(lambda: file_of(folder).is_file())
     assert mask.read_bytes() == before
     worker.engine.set_masks("cam0", SKIN)
     worker.engine.save_masks()
-    eventually(lambda: "skin_ycrcb" in settings.read_text(), "saved")
+    eventually(lambda: "skin_ycrcb" in settings.read_text())
     assert "mask_unknown" not in settings.read_text()
     Session.open(folder)
     worker.stop()

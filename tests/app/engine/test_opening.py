@@ -107,7 +107,7 @@ def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
     counted = listener.wait(snapshots.SessionSnapshot, lambda s: s.stop < ANNOUNCED)
     strip = listener.wait(snapshots.TimelineSnapshot, lambda s: len(s.status) == counted.stop)
     assert strip.start == 0
-    eventually((tmp_path / "tracks" / "videos.json").is_file, "it is remembered")
+    eventually((tmp_path / "tracks" / "videos.json").is_file)
     worker.stop()
 
 
@@ -136,19 +136,17 @@ def test_the_demo_is_tracked_when_it_is_opened_and_stays_as_its_user_left_it(mon
 
 def test_the_demo_plays_at_once_what_is_tracked(tmp_path):
     with shown(tmp_path, opener=fake_document, demo=True) as bench:
-        eventually(lambda: bench.layout.timeline.strip, "it is shown")
+        eventually(lambda: bench.layout.timeline.strip)
         assert not bench.state.playing, "nothing is tracked"
         bench.engine.track(0, FRAMES, 0, anew=True)
-        eventually(
-            lambda: (bench.layout.timeline.strip.status >= 0).sum() == FRAMES, "it is tracked"
-        )
+        eventually(lambda: (bench.layout.timeline.strip.status >= 0).sum() == FRAMES)
     with shown(tmp_path, opener=fake_document, demo=True) as bench:
-        eventually(lambda: bench.state.playing, "it plays at once")
+        eventually(lambda: bench.state.playing)
         assert not bench.worker.busy
     bench = in_threads(tmp_path, opener=fake_document, demo=True)
     bench.state.begin_edit()
     bench.start()
-    eventually(lambda: bench.layout.progress.state == "idle", "it is open")
+    eventually(lambda: bench.layout.progress.state == "idle")
     bench.engine.show_frame(3)
     eventually(lambda: bench.stage.pose and bench.stage.pose.frame == 3, "all before is shown")
     assert not bench.state.playing, "whoever moved a finger meanwhile sees the finger"

@@ -55,8 +55,8 @@ def test_what_was_tracked_is_refined_as_a_take_of_its_own_with_the_size_that_it_
         assert told is not None and Refinement.read(told).scale == HandScale(1.07)
         assert takes[1].about.labels.refinement == told
         worker.engine.undo(1)
-        eventually(lambda: document.run.scale == live, "undone")  # noqa: B023
-        eventually(lambda: whole_track(document).refinement is None, "undone")  # noqa: B023
+        eventually(lambda: document.run.scale == live)  # noqa: B023
+        eventually(lambda: whole_track(document).refinement is None)  # noqa: B023
         assert [refined[f] - b for f, b in _bends(worker).items()] == pytest.approx([BY] * FRAMES)
 
 
@@ -79,7 +79,7 @@ def test_only_what_a_new_keyframe_touches_is_refined_again(desk, worker, listene
 def _accept(worker, first, last, on=True):
     worker.engine.accept(((first, last),), on)
     wanted = set(range(first, last + 1))
-    eventually(lambda: wanted <= worker.document.accepted or not on, "accepted")
+    eventually(lambda: wanted <= worker.document.accepted or not on)
 
 
 def test_tracking_again_and_refining_leave_accepted_frames(desk, worker, listener):
@@ -177,7 +177,7 @@ def test_what_is_no_pin_is_refused_in_words(worker, listener):
     )
     for version, (camera, pixel, joint) in enumerate(pins, 1):
         worker.engine.set_pin(3, camera, pixel, version, Hold(joint))
-        eventually(lambda n=version: len(_errors(listener)) == n, "told")
+        eventually(lambda n=version: len(_errors(listener)) == n)
     assert not any("internal" in text.lower() for text in _errors(listener))
     assert worker.document.run.session.pins.frames == []
 
@@ -199,7 +199,7 @@ def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(desk, work
     assert {f for f in before if after[f] != before[f]} == {7, 8, 9}, "only what pins touch"
     assert worker.document.pose_at(8).tolist() != pinned.tolist(), "what was refined shows"
     worker.engine.undo(3)
-    eventually(lambda: worker.document.pose_at(8).tolist() == pinned.tolist(), "where pins led")
+    eventually(lambda: worker.document.pose_at(8).tolist() == pinned.tolist())
 
 
 def test_pins_come_back_with_the_session_unless_their_file_was_changed_elsewhere(

@@ -88,5 +88,5 @@ def corrected(folder):
     camera = document.run.session.rig.cameras[0]
     column, row = camera.project(tip[None])[0]
     engine.set_pin(3, camera.name, (column + 3.0, row), 2, Hold("middle_tip"))
-    eventually(lambda: document.run.session.pins.of(3), "pinned")
+    eventually(lambda: document.run.session.pins.of(3))
     worker.stop()

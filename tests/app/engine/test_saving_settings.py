@@ -40,7 +40,7 @@ def test_while_tracking_runs_nothing_is_saved(bench):
     bench.engine.track(0, 12, 3)
     bench.engine.save_settings()
     said = bench.layout.messages
-    eventually(lambda: "fixed while tracking" in said.said.content, "told")
+    eventually(lambda: "fixed while tracking" in said.said.content)
     assert path.read_text() == TEXT
 
 

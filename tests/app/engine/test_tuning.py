@@ -37,19 +37,19 @@ def test_experts_choose_method_distance_and_sharpness_on_the_page(bench, wire):
     )
     wire.set_value(distance, "d1, by the level")
     wire.set_value(sharpness, 0.5)
-    eventually(lambda: run().cloud.sharpness_per_mm == 0.5, "β is in force")
+    eventually(lambda: run().cloud.sharpness_per_mm == 0.5)
     assert run().cloud.distance == "d1"
-    eventually(lambda: "least radius" in panel.told["cloud.distance"].content, "it is told")
+    eventually(lambda: "least radius" in panel.told["cloud.distance"].content)
     before = run()
     wire.set_value(method, "2007, conic fields")
-    eventually(lambda: run().silhouettes.term == "conic_field", "the method is in force")
-    eventually(lambda: METHODS["paper2007"].words in panel.told["method"].content, "told")
+    eventually(lambda: run().silhouettes.term == "conic_field")
+    eventually(lambda: METHODS["paper2007"].words in panel.told["method"].content)
     eventually(lambda: panel.controls["solver.iterations"].widget.value == 10, "what it set shows")
     assert METHODS["paper2007"].values.items() <= run().flat().items()
     assert run().traits == METHODS["paper2007"].traits
     assert run().cloud.distance == "d1"  # no method says it
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: run() == before, "the whole method is undone")
+    eventually(lambda: run() == before)
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def fits(monkeypatch):
         fits.asked.append(weight)
         if weight == 2.0:
             fits.waits.set()
-            eventually(lambda: fits.goes_on.is_set() or should_stop(), "it goes on, or is stopped")
+            eventually(lambda: fits.goes_on.is_set() or should_stop())
             if should_stop():
                 return None
         joint = model.joint_params(params)

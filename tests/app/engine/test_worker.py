@@ -69,7 +69,7 @@ def test_a14_pause_holds_with_every_frame_on_disk_and_goes_on(halted, tmp_path):
     (worker, listener, go_on), store = halted, Store(tmp_path / "tracks")
     worker.engine.pause(True)
     listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "paused")
-    eventually(lambda: store.frames_of(1) == (3, 4), "what is shown is on disk")
+    eventually(lambda: store.frames_of(1) == (3, 4))
     go_on.set()
     time.sleep(0.3)
     assert sorted(worker.document.results) == [3, 4]
@@ -244,4 +244,4 @@ def test_a15_a_drag_that_goes_on_and_on_is_written_meanwhile(
     monkeypatch.setattr(persistence, "_QUIET_S", float("inf"))  # it never rests
     monkeypatch.setattr(persistence, "_LONGEST_S", 0.05)
     edit(worker, listener, 3, 1)
-    eventually(lambda: written(tmp_path) == [3], "the drag on the disk")
+    eventually(lambda: written(tmp_path) == [3])

@@ -28,7 +28,7 @@ def test_its_parts_stand_on_their_bones_and_a_slider_moves_a_limb(tmp_path):
         client.set_value(bench.layout.pose.sliders["left_knee_flex"], 90.0)
         foot = hand.part_bone.index(document.model.skeleton.bone("left_foot"))
         away = lambda: np.linalg.norm(places()[foot] - bones.position[hand.part_bone[foot]])  # noqa: E731
-        eventually(lambda: away() > 0.3, "the foot moved")
+        eventually(lambda: away() > 0.3)
 
 
 def pulled(model, params, name, target):

@@ -150,14 +150,14 @@ def _keys_behind_a_dialog_do_nothing_and_escape_closes_it(bench, view):
     view.page.wait_for_timeout(1000)
     closes()
     keys.press("ArrowRight")
-    eventually(lambda: state.frame == before[0] + 1, "keys count again")
+    eventually(lambda: state.frame == before[0] + 1)
     keys.press("ArrowLeft")
-    eventually(lambda: bench.stage.pose.frame == state.frame == before[0], "and back")
+    eventually(lambda: bench.stage.pose.frame == state.frame == before[0])
 
 
 def _what_would_be_gripped_is_named_under_the_pointer(bench, view):
     view.page.keyboard.press("1")
-    eventually(lambda: stands(bench), "looked through a camera")
+    eventually(lambda: stands(bench))
     places = dict(zip(bench.stage.session.joint_names, bench.stage.pose.joints, strict=True))
 
     def named_at(place):
@@ -177,7 +177,7 @@ def _what_would_be_gripped_is_named_under_the_pointer(bench, view):
 def _a_click_on_the_handle_is_no_edit_and_a_drag_is_one_step(bench, view):
     bench.page.edit_pose({"root_rx": 0.2, "root_ry": -0.4, "root_rz": 0.3}, "Turn")
     version = bench.state.version
-    eventually(lambda: bench.stage.pose.version == version, "the hand stands askew")
+    eventually(lambda: bench.stage.pose.version == version)
     before, mouse, phases = bench.state.values, view.page.mouse, list[str]()
     bench.stage.root.control.on_update(lambda event: phases.append(event.phase))
 
@@ -204,7 +204,7 @@ def _a_click_on_the_handle_is_no_edit_and_a_drag_is_one_step(bench, view):
     assert (bench.state.values, bench.state.version) == (before, version)
     phases.clear()
     on_the_arrow(lambda at, beyond: _drag_with_rests(view, at, beyond))
-    eventually(lambda: "end" in phases, "all of the drag arrived")
+    eventually(lambda: "end" in phases)
     assert bench.state.version > version + 1, "several poses came of the drag"
     moved = np.abs(np.subtract(bench.state.values, before))
     assert moved[:3].max() > 0.005 and moved[3:].max() < 1e-3, "the arrow only moves"
@@ -220,7 +220,7 @@ def _moves_of_a_slider_with_rests_are_one_step(bench, view):
     at = lambda share: (box["x"] + share * box["width"], box["y"] + box["height"] / 2)  # noqa: E731
     _drag_with_rests(view, at(0.3), at(0.8))
     eventually(lambda: bench.state.version > version + 1, "several poses came of the drag")
-    eventually(lambda: bench.layout.pose.pose.version == bench.state.version, "all are shown")
+    eventually(lambda: bench.layout.pose.pose.version == bench.state.version)
     view.page.keyboard.press("Control+z")
     view.page.get_by_text("Undone: index PIP flex, frame 3").first.wait_for()
     eventually(lambda: bench.state.values == before, "one step took all of it back")
@@ -235,7 +235,7 @@ def _a_click_on_the_lanes_goes_there(bench, view):
     _tracked(bench)
     mouse, picture = view.page.mouse, view.page.locator(".handtrack-timeline svg")
     for frame in (8, 2, 11):
-        box = eventually(picture.bounding_box, "the lanes are there")  # they are sent anew
+        box = eventually(picture.bounding_box)  # they are sent anew
         x = box["x"] + frame / (FRAMES - 1) * box["width"]
         mouse.click(x - 1, box["y"] + 20)  # within the curve
         eventually(lambda frame=frame: bench.state.frame == frame, f"frame {frame}")
@@ -257,12 +257,12 @@ def _a_click_on_the_lanes_goes_there(bench, view):
     drag_edge(-20, -40, -60)
     assert view.page.evaluate("window.heldBack") == 1
     view.page.keyboard.press("Shift+Z")
-    eventually(lambda: bench.state.frame == 7, "the worst one, by key")
+    eventually(lambda: bench.state.frame == 7)
     view.page.keyboard.press("Shift+Y")
-    eventually(lambda: bench.worker.document.accepted == {7}, "accepted, by key")
+    eventually(lambda: bench.worker.document.accepted == {7})
     view.press("Export …")  # the next step
     opened = view.page.get_by_role("tab", name="Export", exact=True, selected=True)
-    eventually(opened.count, "its tab is opened")
+    eventually(opened.count)
     with view.page.expect_download() as download:
         view.press(card_words(export_format("csv")))
     rows = download.value.path().read_text(encoding="utf-8").splitlines()
@@ -271,13 +271,13 @@ def _a_click_on_the_lanes_goes_there(bench, view):
 
 def _scene_and_hand_are_the_largest_things(bench, view):
     eventually(lambda: share(view) >= 0.7, "the scene has 70 % of the window, with the panel open")
-    eventually(lambda: is_large(bench, view), "freely")
+    eventually(lambda: is_large(bench, view))
     view.page.keyboard.press("1")
-    eventually(lambda: stands(bench), "it looks through a camera")
-    eventually(lambda: is_large(bench, view), "through a camera")
+    eventually(lambda: stands(bench))
+    eventually(lambda: is_large(bench, view))
     low, high = hand_in_page(bench, view)
     bench.page.notify("done", "Something", "was to be said.")
-    notice = eventually(lambda: view.page.evaluate(NOTICE), "a notice")
+    notice = eventually(lambda: view.page.evaluate(NOTICE))
     assert notice[0] > high[0] or notice[2] < low[0] or notice[3] < low[1], "beside the hand"
     view.page.keyboard.press("0")
     view.page.locator(".mantine-Notification-closeButton").first.click()
@@ -290,7 +290,7 @@ def _panel_hides_nothing_of_a_narrow_and_low_scene(view):
     assert panel.is_visible()
     assert share(view, (853, 533)) >= 0.55
     view.page.keyboard.press("t")
-    eventually(lambda: not panel.is_visible(), "the panel is hidden by a key")
+    eventually(lambda: not panel.is_visible())
     eventually(lambda: ends() > 800, "and leaves its place to the scene")
 
 
@@ -300,24 +300,24 @@ def _has_names_for_a_screen_reader(bench, view):
         eventually(lambda: view.page.evaluate(NAMELESS) == [], f"names in {tab}")
     assert view.page.get_by_role("main").get_by_role("heading", level=1).count() == 1
     bench.page.go_to(5)
-    eventually(lambda: "Frame 5 " in view.page.title(), "for screen readers, too")
+    eventually(lambda: "Frame 5 " in view.page.title())
 
 
 def _shows_what_matters_whole_until_it_is_put_away(bench, view):
     page, notify = view.page, bench.page.notify
-    eventually(lambda: not page.locator(".mantine-Notification-root").count(), "notices go")
+    eventually(lambda: not page.locator(".mantine-Notification-root").count())
     bench.layout.messages.see_pose(False)  # as where there is no first pose
     notify("guide", "What to do first", "Press the button that finds the hand.")
     notify("warning", "Frame 3 fits, with low confidence", "Frame 4 as well.")
     (client,) = bench.server.get_clients().values()
     tab = page.get_by_role("tab", name="Review", exact=True)
     bench.layout.room.fold(client, folded=True)
-    eventually(lambda: not tab.is_visible(), "the panel is hidden")
+    eventually(lambda: not tab.is_visible())
     notify("error", "A title that is longer than some", LONG.replace("Word", "Cause"))
     eventually(tab.is_visible, "an error is read in the panel")
     notify("info", "Nothing to undo", "The history ends here.")
     notify("done", "Saved", LONG)
-    assert eventually(lambda: page.evaluate(CUT), "a notice") == [False]
+    assert eventually(lambda: page.evaluate(CUT)) == [False]
     for told in ("What to do first", "low confidence", "A title that"):
         notice = page.locator(".mantine-Notification-root", has_text=told)
         assert not notice.count(), "notices tell what is done, and nothing else"
@@ -331,16 +331,16 @@ def _shows_what_matters_whole_until_it_is_put_away(bench, view):
 
     assert read("Cause11"), "gone from the scene, not from the page"
     view.press("Put away")
-    eventually(lambda: read("Frame 4") and not read("Cause11"), "the one before it")
+    eventually(lambda: read("Frame 4") and not read("Cause11"))
     view.press("Put away")
-    eventually(lambda: read("Press the button") and not read("Frame 4"), "the one before it")
+    eventually(lambda: read("Press the button") and not read("Frame 4"))
     bench.page.edit_pose({"root_tx": 0.01}, "Move")
     eventually(lambda: not read("Press the button"), "it has done its work")
     notify("warning", "Frame 7 does not fit well", "Frame 9 does.")
     page.locator("a[data-frame='9']:visible").first.click()
-    eventually(lambda: bench.state.frame == 9, "a link leads to its frame")
+    eventually(lambda: bench.state.frame == 9)
     view.show_tab("Messages")
-    eventually(lambda: read("Press the button") and read("Cause11"), "all can be read again")
+    eventually(lambda: read("Press the button") and read("Cause11"))
 
 
 def share(view, window=(1280, 800)):
@@ -366,10 +366,10 @@ def _picture_and_model_are_drawn_as_one_however_large(bench, view):
     looking, scene = bench.stage.looking, bench.server.scene
     looking.set_paint(client.client_id, "plain")
     view.page.keyboard.press("0")
-    eventually(lambda: looking.views.of(client.client_id) is None, "it looks freely")
+    eventually(lambda: looking.views.of(client.client_id) is None)
     view.page.keyboard.press("1")
-    looks = eventually(lambda: looking.views.of(client.client_id), "it looks")
-    eventually(lambda: "/screen" in str(view.page.evaluate(NODES)), "its picture")
+    looks = eventually(lambda: looking.views.of(client.client_id))
+    eventually(lambda: "/screen" in str(view.page.evaluate(NODES)))
     bench.stage._marking = True  # nothing stands before the picture
     bench.redraw()
     view.page.set_viewport_size({"width": 900, "height": 1000})

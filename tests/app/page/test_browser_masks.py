@@ -23,9 +23,9 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
         view.show_tab("Masks")
         view.row("Masks from").locator("input:visible").click()
         page.get_by_role("option", name="skin, fixed colours").click()
-        eventually(lambda: bench.layout.masks.correcting.words.content, "masks are shown")
+        eventually(lambda: bench.layout.masks.correcting.words.content)
         view.press("Paint over the mask")
-        eventually(lambda: stands(bench), "it looks through the camera")
+        eventually(lambda: stands(bench))
         page.wait_for_timeout(800)
         spots = [(18.0, 50.0), (24.0, 50.0), (30.0, 50.0)]
         start, *_, stop = (page.evaluate(PROJECT, ["/hand", _seen_at(*spot)]) for spot in spots)
@@ -33,7 +33,7 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
         eventually(lambda: _reach_is_off(bench, (8, 40, 40, 60)) < 3, "a round stroke of 10 px")
         brushes = bench.layout.masks.correcting
         page.keyboard.press("]")
-        eventually(lambda: brushes.radius.value == 12, "a larger brush")
+        eventually(lambda: brushes.radius.value == 12)
         scale = np.linalg.norm(np.subtract(stop, start)) / 12.0
 
         def circle_fits():
@@ -41,20 +41,20 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
             page.mouse.move(*stop)
             return abs(page.evaluate(BRUSH) / (24.0 * scale) - 1.0) < 0.05
 
-        eventually(circle_fits, "a circle about the pointer, as large as what it paints")
+        eventually(circle_fits)
         page.keyboard.press("x")
-        eventually(lambda: brushes.brush.value == "not hand", "the other brush")
+        eventually(lambda: brushes.brush.value == "not hand")
         with WireClient(bench.url):
-            eventually(lambda: len(bench.server.get_clients()) == 2, "another page is there")
+            eventually(lambda: len(bench.server.get_clients()) == 2)
             other = bench.server.get_clients()[max(bench.server.get_clients())]
             bench.stage.look("cam1", other)
             assert bench.stage._marking, "its look is its own"
         view.press("Done painting")
         eventually(lambda: not bench.page.modal, "letters mean what they did")
-        eventually(lambda: not bench.stage._marking, "the hand is back")
+        eventually(lambda: not bench.stage._marking)
         bench.page.travel(back=True)
         corrections = bench.worker.document.run.session.view("cam0").corrections  # type: ignore[union-attr]
-        eventually(lambda: not corrections.frames, "undone")
+        eventually(lambda: not corrections.frames)
 
 
 def _reach_is_off(bench, wanted):
@@ -71,11 +71,11 @@ def _reach_is_off(bench, wanted):
 def _filters(bench, view):
     view.show_tab("Cloud")
     points = bench.stage.cloud.points
-    eventually(lambda: points.visible, "the cloud is there")
+    eventually(lambda: points.visible)
     before = len(points.points)
     thumb = view.row("To hand mm").get_by_role("slider")
     thumb.press("Home")  # 0 is off: the wall comes back
-    eventually(lambda: len(points.points) > before, "more points")
+    eventually(lambda: len(points.points) > before)
     _marks_skin(bench, view)
     eventually(lambda: len(points.points) <= before, "the wall is of another colour")
 
@@ -86,13 +86,13 @@ def _marks_skin(bench, view):
     skin.take = lambda box: (boxes.append(box), take(box))
     page.get_by_text("Skin colour", exact=True).first.click()
     view.press("Drag a box over the image")
-    eventually(lambda: stands(bench), "it looks through the camera")
+    eventually(lambda: stands(bench))
     page.wait_for_timeout(600)
     x, y, width, height = BOX
     corners = ((x + 3, y + 3), (x + width - 3, y + height - 3))
     start, stop = (page.evaluate(PROJECT, ["/hand", _seen_at(*corner)]) for corner in corners)
     view.drag(tuple(start), tuple(stop))
-    (box,) = eventually(lambda: boxes, "the box is marked")
+    (box,) = eventually(lambda: boxes)
     assert_allclose(box, (x + 3, y + 3, width - 6, height - 6), atol=1)
 
 

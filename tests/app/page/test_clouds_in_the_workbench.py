@@ -76,29 +76,29 @@ def test_the_page_shows_the_cloud_and_a_slider_filters_it(cloudy):
     assert len(points.colors) == before and not save.visible
     with WireClient(cloudy.url) as client:
         client.set_value(voxel, 8.0)
-        eventually(lambda: len(points.points) < before, "fewer points")
-        eventually(lambda: "cells" in panel.counts.content, "counted")
-        eventually(lambda: "voxel_m" in panel.saved.words.content, "told as not saved")
+        eventually(lambda: len(points.points) < before)
+        eventually(lambda: "cells" in panel.counts.content)
+        eventually(lambda: "voxel_m" in panel.saved.words.content)
         client.set_value(undo, "Undo")
-        eventually(lambda: len(points.points) == before and voxel.value == 3.0, "undone")
+        eventually(lambda: len(points.points) == before and voxel.value == 3.0)
         client.set_value(undo, "Redo")
-        eventually(lambda: save.visible, "redone")
+        eventually(lambda: save.visible)
         client.set_value(save, True)
-        eventually(lambda: not save.visible, "saved")
+        eventually(lambda: not save.visible)
         assert "voxel_m = 0.008  # fine" in (cloudy.folder / "session.toml").read_text()
         client.set_value(panel.on, False)
-        eventually(lambda: not points.visible, "hidden")
+        eventually(lambda: not points.visible)
 
 
 def test_the_surface_stands_where_the_ellipsoids_did(cloudy):
     stage = cloudy.stage
     with WireClient(cloudy.url) as client:
         client.set_value(cloudy.layout.session.mode, "surface")
-        eventually(lambda: stage.surface.visible and not stage.hand.flesh.visible, "the surface")
+        eventually(lambda: stage.surface.visible and not stage.hand.flesh.visible)
         cloudy.page.play(True)
-        eventually(lambda: stage.hand.flesh.visible and not stage.surface.visible, "in motion")
+        eventually(lambda: stage.hand.flesh.visible and not stage.surface.visible)
         cloudy.page.play(False)
-        eventually(lambda: stage.surface.visible, "the surface again")
+        eventually(lambda: stage.surface.visible)
 
 
 def test_another_model_takes_the_hands_place(cloudy):
@@ -111,14 +111,11 @@ def test_another_model_takes_the_hands_place(cloudy):
                 ),
                 f"{name} has its bones",
             )
-            eventually(
-                lambda: set(cloudy.layout.pose.sliders) == set(cloudy.state.names),
-                "and its sliders",
-            )
-            eventually(lambda: len(cloudy.state.values) == len(cloudy.state.names), "and its pose")
+            eventually(lambda: set(cloudy.layout.pose.sliders) == set(cloudy.state.names))
+            eventually(lambda: len(cloudy.state.values) == len(cloudy.state.names))
             version = cloudy.state.version
             client.set_value(cloudy.layout.pose.sliders["root_tx"], 5.0 + place)
-            eventually(lambda version=version: cloudy.state.version > version, "it can be posed")
+            eventually(lambda version=version: cloudy.state.version > version)
 
 
 def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(tmp_path):
@@ -142,16 +139,14 @@ def test_nothing_stands_before_the_image_while_a_box_is_dragged(cloudy):
 
     with WireClient(cloudy.url) as client:
         client.set_value(wide, True)
-        eventually(lambda: cloudy.state.display.cloud_wide, "a large picture")
+        eventually(lambda: cloudy.state.display.cloud_wide)
         client.set_value(skin.drag, True)
         eventually(lambda: shown() == {False}, "the bare image")
         told = lambda: any("Drag a box over" in str(message) for _, message in client.messages)  # noqa: E731
-        eventually(told, "what to do stands beside the view")
-        eventually(
-            lambda: not wide.value and not cloudy.state.display.cloud_wide, "no picture either"
-        )
+        eventually(told)
+        eventually(lambda: not wide.value and not cloudy.state.display.cloud_wide)
         cloudy.engine.show_frame(1)
-        eventually(lambda: cloudy.state.frame == 1, "another frame")
+        eventually(lambda: cloudy.state.frame == 1)
         assert shown() == {False}
         client.set_value(cloudy.layout.session.view, "Hand")
-        eventually(lambda: shown() == {True}, "all of it again")
+        eventually(lambda: shown() == {True})

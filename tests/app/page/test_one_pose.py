@@ -66,7 +66,7 @@ class Witness:
             found = list(self.wire.messages)
             return found if any(one.get("request_uuid") == last for _, one in found) else None
 
-        return eventually(came, "the last mark")
+        return eventually(came)
 
     def _look_at_pictures(self):
         """Look, once a snapshot is shown, at what each kind of picture is of."""
@@ -119,7 +119,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
     sees = Witness(bench, wire)
     bench.stage.looking.set_paint(page.number, "plain")
     page.press("Camera view: front")
-    eventually(lambda: bench.stage.looking.anyone, "it looks through a camera")
+    eventually(lambda: bench.stage.looking.anyone)
     bench.engine.track(0, FRAMES, 3)
     slider = bench.layout.pose.sliders["index_mcp_flex"]
     for turn in range(30):
@@ -133,15 +133,15 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
         time.sleep(0.03)
     bench.page.play(False)
     bench.engine.cancel()
-    eventually(lambda: bench.layout.tracking.progress.state == "idle", "it rests")
+    eventually(lambda: bench.layout.tracking.progress.state == "idle")
     bench.page.go_to(4)
-    eventually(lambda: bench.stage.pose is not None and bench.stage.pose.frame == 4, "frame 4")
+    eventually(lambda: bench.stage.pose is not None and bench.stage.pose.frame == 4)
 
     def pictured():
         screen = bench.stage.looking._screens.get(page.number)
         return screen is not None and bool(screen.image.visible) and screen.frame == 4
 
-    eventually(pictured, "its picture")
+    eventually(pictured)
     assert len(set(sees.frames_of_the_page())) > 3 and sees.pictures
     assert not sees.wrong
     sees.at_rest()
@@ -150,7 +150,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
 def test_a_picture_of_a_frame_that_was_left_is_not_shown(bench, page):
     page.press("Camera view: front")
     of_page = lambda: bench.stage.looking._screens.get(page.number)  # noqa: E731
-    eventually(lambda: of_page() is not None and of_page().image.visible, "a picture")
+    eventually(lambda: of_page() is not None and of_page().image.visible)
     screen = of_page()
     bench.stage.moments.show(screen.frame + 1)
     black = np.zeros((72, 96, 3), np.uint8)

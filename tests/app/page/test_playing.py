@@ -27,13 +27,13 @@ def asked(bench):
 
 def test_no_more_than_two_frames_are_on_their_way(bench, asked):
     with WireClient(bench.url, draws=False) as wire:
-        eventually(bench.server.get_clients, "it is there")
+        eventually(bench.server.get_clients)
         bench.page.play(True)
         eventually(lambda: len(asked) == 2, "it draws none of them")
         time.sleep(0.3)
         answered = 0  # a frame that is told again is asked about again
         while len(asked) == 2:
-            eventually(lambda: len(asked) > 2 or len(_questions(wire)) > answered, "a question")  # noqa: B023
+            eventually(lambda: len(asked) > 2 or len(_questions(wire)) > answered)  # noqa: B023
             for question in _questions(wire)[answered:]:
                 wire.answer(question, None)
                 answered += 1
@@ -48,7 +48,7 @@ def test_nothing_is_played_while_no_page_is_open(bench, asked):
     assert not asked, "nobody sees it"
     with WireClient(bench.url):
         eventually(lambda: len(asked) > 2, "it plays to who comes")
-    eventually(lambda: not bench.server.get_clients(), "the page was closed")
+    eventually(lambda: not bench.server.get_clients())
 
     def rests():  # what was asked for before may still be under way
         asked.clear()
@@ -72,11 +72,11 @@ def test_no_frame_is_played_over_who_edits():
     player = Player(state, asked.append, drawn, lambda: ended.append(True))  # type: ignore[arg-type]
     player.start()
     try:
-        eventually(lambda: bool(asked), "it plays")
+        eventually(lambda: bool(asked))
         edit = state.edit({"a": 0.7})
         assert edit is not None and edit[0] == 7
         asked.clear()
-        eventually(lambda: bool(ended), "told")
+        eventually(lambda: bool(ended))
         assert not asked and state.frame == 7 and not state.playing
     finally:
         player.stop()

@@ -23,7 +23,7 @@ def _pose(bench):
 def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, page):
     """It comes under the pointer as deep as it was, and turns about the line of sight to its middle."""
     page.press("Camera view: front")
-    eventually(lambda: page.number in bench.stage.grips._grips, "it can be taken hold of")
+    eventually(lambda: page.number in bench.stage.grips._grips)
     before, session, card = _pose(bench), bench.stage.session, page.view.card
     bone = session.bone_names.index("ring_metacarpal")
     palm = before.centre[list(session.ellipsoid_bone).index(bone)]
@@ -31,7 +31,7 @@ def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, page):
     page.drag("/grips/flesh", palm, aim)
     way, ahead = aim - card.centre, card.rotation[2]
     place = card.centre + way * ((palm - card.centre) @ ahead) / (way @ ahead)
-    eventually(lambda: np.allclose(_pose(bench).values[:3] - before.values[:3], place - palm, atol=1e-6), "moved")  # fmt: skip
+    eventually(lambda: np.allclose(_pose(bench).values[:3] - before.values[:3], place - palm, atol=1e-6))  # fmt: skip
     assert_allclose(_pose(bench).values[3:], before.values[3:], atol=1e-9)
     moved = _pose(bench)
     eventually(lambda: bench.stage.grips._pose is moved, "what is held next is the moved hand")
@@ -41,7 +41,7 @@ def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, page):
     quarter = rotation_matrix(axis * np.pi / 2)
     page.drag("/grips/flesh", tip, moved.middle + quarter @ (tip - moved.middle), "shift")
     turned = moved.middle + (moved.joints - moved.middle) @ quarter.T
-    eventually(lambda: np.allclose(_pose(bench).joints, turned, atol=2e-3), "by a quarter")
+    eventually(lambda: np.allclose(_pose(bench).joints, turned, atol=2e-3))
     assert_allclose(_pose(bench).values[6:], before.values[6:], atol=1e-9)
     page.press("Undo")
     eventually(lambda: np.allclose(_pose(bench).values, moved.values, atol=1e-9), "a drag is a step")  # fmt: skip
@@ -59,7 +59,7 @@ def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench, pa
         there = _pose(bench).joints[session.joint_names.index("index_pip")]
         return bool(np.linalg.norm(there - aim) < 0.008)
 
-    eventually(reached, "the joint comes along")
+    eventually(reached)
     assert _pose(bench).origin == "set" and not _pose(bench).pins
     others = [i for i, n in enumerate(session.parameter_names) if not n.startswith("index")]
     assert_allclose(_pose(bench).values[others], before.values[others], atol=1e-9)
@@ -68,10 +68,10 @@ def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench, pa
 def test_space_flips_and_all_of_the_page_says_so(bench, page):
     before, panel = _pose(bench), bench.layout.pose
     bench.engine.take_pose(3, "fist", bench.state.begin_edit())
-    eventually(lambda: _pose(bench).origin == "set" and panel.sliders["index_pip_flex"].value > 90, "a fist")  # fmt: skip
+    eventually(lambda: _pose(bench).origin == "set" and panel.sliders["index_pip_flex"].value > 90)
     fist = _pose(bench)
     page.press("Before/after: the pose before the last step")
-    eventually(lambda: bench.layout.aside.visible, "told")
+    eventually(lambda: bench.layout.aside.visible)
     assert _pose(bench).origin == snapshots.BEFORE
     assert_allclose(_pose(bench).values, before.values, atol=1e-9)
     assert "before the last step" in panel.card.content
@@ -79,7 +79,7 @@ def test_space_flips_and_all_of_the_page_says_so(bench, page):
     assert not bench.stage.root.control.visible  # type: ignore[union-attr]
     assert bench.state.values == tuple(fist.values.tolist()), "edits go on from what is"
     page.press("Before/after: the pose before the last step")
-    eventually(lambda: not bench.layout.aside.visible, "back")
+    eventually(lambda: not bench.layout.aside.visible)
     assert_array_equal(_pose(bench).values, fist.values)
     assert bench.stage.root.control.visible  # type: ignore[union-attr]
 
@@ -87,19 +87,19 @@ def test_space_flips_and_all_of_the_page_says_so(bench, page):
 def test_a_pose_is_copied_and_pasted_by_keys(bench, page):
     bench.engine.take_pose(3, "point", bench.state.begin_edit())
     panel = bench.layout.pose  # what it shows is copied
-    eventually(lambda: panel.pose is not None and panel.pose.origin == "set", "pointing")
+    eventually(lambda: panel.pose is not None and panel.pose.origin == "set")
     point = _pose(bench)
     page.press("Copy the pose")
-    eventually(lambda: "frame 3" in panel.copied_from.content, "told")
+    eventually(lambda: "frame 3" in panel.copied_from.content)
     bench.go_to(9)
-    eventually(lambda: _pose(bench).frame == 9, "another frame")
+    eventually(lambda: _pose(bench).frame == 9)
     bench.engine.take_pose(9, "fist", bench.state.begin_edit())
-    eventually(lambda: _pose(bench).frame == 9 and _pose(bench).origin == "set", "a fist there")
+    eventually(lambda: _pose(bench).frame == 9 and _pose(bench).origin == "set")
     page.press("Paste the pose that was copied")
-    eventually(lambda: np.allclose(_pose(bench).values[6:], point.values[6:], atol=1e-9), "pasted")
+    eventually(lambda: np.allclose(_pose(bench).values[6:], point.values[6:], atol=1e-9))
     assert _pose(bench).frame == 9
     page.press("Undo")
-    eventually(lambda: not np.allclose(_pose(bench).values[6:], point.values[6:]), "undone")
+    eventually(lambda: not np.allclose(_pose(bench).values[6:], point.values[6:]))
 
 
 def test_the_switch_refits_the_frame_that_is_shown(bench, monkeypatch, page):
@@ -108,10 +108,10 @@ def test_the_switch_refits_the_frame_that_is_shown(bench, monkeypatch, page):
     )
     page.press("Refit while tuning: on, off")
     boxes = bench.layout.settings.refits.boxes
-    eventually(lambda: [box.value for box in boxes] == [True, True], "both tabs show it")
+    eventually(lambda: [box.value for box in boxes] == [True, True])
     bench.engine.set_setting("cloud.balance", 0.8)
-    eventually(lambda: _pose(bench).origin == "refitted", "refitted")
-    eventually(lambda: "refitted" in bench.layout.pose.card.content, "and the card says so")
+    eventually(lambda: _pose(bench).origin == "refitted")
+    eventually(lambda: "refitted" in bench.layout.pose.card.content)
 
 
 @pytest.fixture
@@ -154,12 +154,12 @@ def test_what_is_not_of_this_hand_is_not_held_and_a_drag_that_tells_nothing_chan
 def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(bench, page):
     page.press("Camera view: front")
     grips = bench.stage.grips
-    eventually(lambda: page.number in grips._grips, "the hand can be taken hold of")
+    eventually(lambda: page.number in grips._grips)
     pose, session = bench.stage.pose, bench.stage.session
     tip = pose.joints[session.joint_names.index("index_tip")]
     aim = tip + 0.02 * page.view.card.rotation[0]
     page.drag("/grips/flesh", tip, aim, part=_ellipsoid(session, "index_distal"))
-    eventually(lambda: bool(bench.stage.pose and bench.stage.pose.pins), "pinned")
+    eventually(lambda: bool(bench.stage.pose and bench.stage.pose.pins))
 
     def follows():
         now = bench.stage.pose
@@ -168,12 +168,12 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(be
         moved = now.joints[session.joint_names.index("index_tip")] - tip
         return bool(np.linalg.norm(moved) > 0.015)
 
-    eventually(follows, "the tip is there")
-    eventually(lambda: bench.layout.pose.pins.pins == bench.stage.pose.pins, "listed")
+    eventually(follows)
+    eventually(lambda: bench.layout.pose.pins.pins == bench.stage.pose.pins)
     (pin,) = bench.stage.pose.pins
     assert (pin.camera, pin.words) == ("front", "index tip")
     page.press("Drop the last pin")
-    eventually(lambda: bench.stage.pose is not None and not bench.stage.pose.pins, "dropped")
+    eventually(lambda: bench.stage.pose is not None and not bench.stage.pose.pins)
     page.press("Orbit view")
     eventually(lambda: page.number not in grips._grips, "free views turn by a drag")
 
@@ -182,5 +182,5 @@ def test_a_body_s_pose_is_not_pasted_into_a_hand(bench, page):
     before = _pose(bench)
     bench.layout.pose.copied = dict.fromkeys(load_model("body34").parameter_names, 0.01)
     page.press("Paste the pose that was copied")
-    eventually(lambda: "Nothing was copied" in bench.layout.messages.note.content, "told")
+    eventually(lambda: "Nothing was copied" in bench.layout.messages.note.content)
     assert_array_equal(_pose(bench).values, before.values)

@@ -17,7 +17,7 @@ from tests.app.wire import WireClient
 def _tracked(bench):
     bench.engine.track(0, FRAMES, 3)
     eventually(lambda: len(bench.layout.review.stretches) == 1, "frame 7 is doubtful")
-    eventually(lambda: bench.layout.progress.state == "idle", "all are tracked")
+    eventually(lambda: bench.layout.progress.state == "idle")
 
 
 def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench, wire):
@@ -25,20 +25,20 @@ def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench, wire):
     assert "Track some frames" in review.head.content
     _tracked(bench)
     assert review.rows[0].visible and review.rows[0].label == "7, low confidence"
-    eventually(lambda: "<img" in review.cards[0].content, "with a picture")
+    eventually(lambda: "<img" in review.cards[0].content)
     wire.set_value(review.go, "Next")
-    eventually(lambda: state.frame == 7, "gone to")
+    eventually(lambda: state.frame == 7)
     wire.set_value(review.accept, "Interval")
-    eventually(lambda: document.accepted == {7}, "accepted")
-    eventually(lambda: not review.stretches and "No frames" in review.head.content, "done")  # fmt: skip
-    eventually(lambda: "and locked" in review.here.content, "said so")
+    eventually(lambda: document.accepted == {7})
+    eventually(lambda: not review.stretches and "No frames" in review.head.content)
+    eventually(lambda: "and locked" in review.here.content)
     assert "Accepted" in bench.layout.pose.card.content
     wire.set_value(review.release, "Frame")
-    eventually(lambda: not document.accepted and len(review.stretches) == 1, "let go")
+    eventually(lambda: not document.accepted and len(review.stretches) == 1)
     wire.set_value(review.accept, "All confident")
-    eventually(lambda: document.accepted == {*range(FRAMES)} - {7}, "all but the doubtful one")
+    eventually(lambda: document.accepted == {*range(FRAMES)} - {7})
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: not document.accepted, "undone")
+    eventually(lambda: not document.accepted)
 
 
 def test_what_is_found_out_about_a_recording_stays_until_it_is_tracked_anew(bench):
@@ -48,7 +48,7 @@ def test_what_is_found_out_about_a_recording_stays_until_it_is_tracked_anew(benc
         bench.page.show(notice)
     assert about.content.count("contradicts") == 1
     bench.engine.track(3, 4, 3)
-    eventually(lambda: bench.layout.timeline.strip.status[3] >= 0, "one frame is fitted")
+    eventually(lambda: bench.layout.timeline.strip.status[3] >= 0)
     assert "contradicts" in about.content
     _tracked(bench)
     assert not about.content
@@ -64,18 +64,18 @@ def test_cameras_that_are_surely_off_are_corrected_by_one_button_and_undo_takes_
         calibrated = np.array(frustum.wxyz)
         turned = lambda: not np.allclose(frustum.wxyz, calibrated)  # noqa: E731
         bench.engine.track(0, FRAMES, 3)
-        eventually(lambda: review.correct.visible, "offered")
+        eventually(lambda: review.correct.visible)
         assert "rotation 2.00° (± 0.10)" in review.off.content
         assert "front, side" in review.correct.label
         client.set_value(review.correct, True)
-        eventually(lambda: not review.correct.visible and turned(), "applied, drawn as corrected")
+        eventually(lambda: not review.correct.visible and turned())
         client.set_value(review.restore, True)
-        eventually(lambda: review.correct.visible and not turned(), "as it was calibrated")
+        eventually(lambda: review.correct.visible and not turned())
         client.set_value(undo, "Undo")
-        eventually(lambda: review.restore.visible and turned(), "corrected again")
+        eventually(lambda: review.restore.visible and turned())
         client.set_value(undo, "Undo")
         eventually(lambda: set(review.strip.cameras_off) == {"front", "side"}, "one step of undo")
-        eventually(lambda: review.correct.visible and not turned(), "offered again")
+        eventually(lambda: review.correct.visible and not turned())
 
 
 def _card(first, last, brief="thumb"):
@@ -91,7 +91,7 @@ def test_the_queue_goes_on_and_around(bench):
     seen = []
     for by in (1, 1, 1, 1, -1, -1):
         review.step(by)
-        eventually(lambda: bench.stage.pose.frame == state.frame == cards[review.at].worst, "shown")
+        eventually(lambda: bench.stage.pose.frame == state.frame == cards[review.at].worst)
         seen.append(state.frame)
     assert seen == [5, 1, 9, 5, 9, 1]
     assert review.current == cards[1]

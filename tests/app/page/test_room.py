@@ -13,7 +13,7 @@ from tests.app.wire import Browser, WireClient, said
 
 def answer(wire, kept):
     """Answer what the browser remembers."""
-    eventually(lambda: bool(said(wire, "LocalStorageGetItemRequestMessage")), "asked")
+    eventually(lambda: bool(said(wire, "LocalStorageGetItemRequestMessage")))
     wire.answer(said(wire, "LocalStorageGetItemRequestMessage")[-1], kept)
 
 
@@ -25,8 +25,8 @@ def folds(bench, wire):
 
 def test_a_page_gets_what_its_browser_remembers(bench, wire):
     answer(wire, json.dumps({"folded": True, "colours": LIGHT}))
-    eventually(lambda: folds(bench, wire) == [True], "folded")
-    eventually(lambda: said(wire, "ThemeConfigurationMessage")[-1]["dark_mode"] is False, "light")
+    eventually(lambda: folds(bench, wire) == [True])
+    eventually(lambda: said(wire, "ThemeConfigurationMessage")[-1]["dark_mode"] is False)
 
 
 def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench, pages):
@@ -35,13 +35,13 @@ def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench, pa
     answer(other, None)
     page = Browser(bench, one)
     page.press("Hide or show the panel")
-    eventually(lambda: folds(bench, one) == [True], "folded")
+    eventually(lambda: folds(bench, one) == [True])
     page.press("Light or dark")
-    eventually(lambda: len(said(one, "LocalStorageSetItemMessage")) == 2, "remembered")
+    eventually(lambda: len(said(one, "LocalStorageSetItemMessage")) == 2)
     kept = Taste.read(said(one, "LocalStorageSetItemMessage")[-1]["value"])
     assert kept == Taste(True, LIGHT)
     page.press("Hide or show the panel")
-    eventually(lambda: folds(bench, one) == [True, False], "open again")
+    eventually(lambda: folds(bench, one) == [True, False])
     assert folds(bench, other) == []
     assert all(m["dark_mode"] for m in said(other, "ThemeConfigurationMessage"))
 
@@ -68,31 +68,31 @@ def test_the_handle_moves_or_turns_along_one_axis_by_keys(bench, page):
         return not control.disable_axes, not control.disable_rotations, control.active_axes
 
     page.press("Grab: move the hand; then X, Y or Z")
-    eventually(lambda: free() == (True, False, (True, True, True)), "it moves")
+    eventually(lambda: free() == (True, False, (True, True, True)))
     page.press("View: wider")  # its key is X
     eventually(lambda: free() == (True, False, (True, False, False)), "along x")
     page.press("Turn the hand; then X, Y or Z")
-    eventually(lambda: free() == (False, True, (True, True, True)), "it turns")
+    eventually(lambda: free() == (False, True, (True, True, True)))
     page.press("View: wider")
     eventually(lambda: free() == (False, True, (False, True, True)), "about x")
     page.press("Close the dialog, or leave the camera")  # Escape
-    eventually(lambda: free() == (True, True, (True, True, True)), "as it was")
+    eventually(lambda: free() == (True, True, (True, True, True)))
 
 
 def test_frames_and_keyframes_by_key(bench, page):
     page.press("First frame")
-    eventually(lambda: bench.state.frame == 0, "the first")
+    eventually(lambda: bench.state.frame == 0)
     page.press("Ten frames on")
-    eventually(lambda: bench.state.frame == 10, "ten on")
+    eventually(lambda: bench.state.frame == 10)
     page.press("Ten frames on")
     eventually(lambda: bench.state.frame == FRAMES - 1, "no farther than the last")
     page.press("Ten frames back")
-    eventually(lambda: bench.state.frame == FRAMES - 11, "ten back")
+    eventually(lambda: bench.state.frame == FRAMES - 11)
     page.press("Keep this pose: a keyframe")
     strip = bench.layout.timeline
-    eventually(lambda: strip.strip is not None and 1 in strip.strip.by_hand, "kept")
+    eventually(lambda: strip.strip is not None and 1 in strip.strip.by_hand)
     page.press("No keyframe here: the tracked pose")
-    eventually(lambda: strip.strip is not None and 1 not in strip.strip.by_hand, "not kept")
+    eventually(lambda: strip.strip is not None and 1 not in strip.strip.by_hand)
 
 
 def test_who_comes_first_is_led_in_five_steps_and_can_leave_at_once(bench):
@@ -100,10 +100,10 @@ def test_who_comes_first_is_led_in_five_steps_and_can_leave_at_once(bench):
     assert len(TOUR) == 5
     with WireClient(bench.url) as wire:
         questions = lambda: said(wire, "LocalStorageGetItemRequestMessage")  # noqa: E731
-        eventually(lambda: len(questions()) == 2, "both questions to the browser's memory")
+        eventually(lambda: len(questions()) == 2)
         for one in questions():
             wire.answer(one, None)
-        eventually(lambda: wire.button("Tour") is not None, "it begins")
+        eventually(lambda: wire.button("Tour") is not None)
         slider = bench.layout.pose.sliders["index_mcp_flex"]
         first = wire.button("Tour")
         wire.set_value(slider, 30.0)
@@ -115,5 +115,5 @@ def test_who_comes_first_is_led_in_five_steps_and_can_leave_at_once(bench):
             wire.set_value(here, "Skip")
             here = later(here)
         wire.set_value(here, "Leave")
-        eventually(lambda: wire.button("Tour") is None, "left")
-        eventually(lambda: bool(said(wire, "LocalStorageSetItemMessage")), "and remembered")
+        eventually(lambda: wire.button("Tour") is None)
+        eventually(lambda: bool(said(wire, "LocalStorageSetItemMessage")))

@@ -84,13 +84,13 @@ def test_the_tab_plots_the_angles_of_a_finger(bench, wire):
     panel = bench.layout.plots
     _tracked(bench)
     wire.set_value(panel.group, "Index")
-    eventually(lambda: len(panel.plots) == 4, "plotted")
+    eventually(lambda: len(panel.plots) == 4)
     assert np.isfinite(panel.plots[0].data[1]).any()
     before = panel.plots[0].data
     bench.layout.timeline.look_closer("+")
-    eventually(lambda: len(panel.plots[0].data[0]) < len(before[0]), "the timeline's window")
+    eventually(lambda: len(panel.plots[0].data[0]) < len(before[0]))
     wire.set_value(panel.group, "Thumb")
-    eventually(lambda: "humb" in (panel.plots[0].title or ""), "another finger")
+    eventually(lambda: "humb" in (panel.plots[0].title or ""))
 
 
 def test_the_card_has_the_score_of_its_own_pose_alone(bench):

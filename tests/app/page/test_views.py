@@ -166,17 +166,17 @@ def test_a_session_whose_cameras_look_down_has_a_view(overlooked):
 def test_a_page_sees_all_cameras_until_it_looks_elsewhere(bench, page):
     page.press("See the hand in all cameras")
     close_ups = bench.stage.looking.close_ups
-    eventually(lambda: page.number in close_ups._opened, "the panel is there")
+    eventually(lambda: page.number in close_ups._opened)
     _, shown = close_ups._opened[page.number]
-    eventually(lambda: shown.content.count("<img") == 2 and "side" in shown.content, "painted")
+    eventually(lambda: shown.content.count("<img") == 2 and "side" in shown.content)
     assert {one for one in bench.stage.wanted()["want_pictures"][2] if one[1] == CLOSE} == {
         ("front", CLOSE), ("side", CLOSE),
     }  # fmt: skip
     page.press("Camera view: side")
-    eventually(lambda: page.view is not None, "it looks through a camera")
+    eventually(lambda: page.view is not None)
     assert page.view is not None and page.view.card.name == "side"
     assert page.number not in close_ups._opened
-    eventually(lambda: CLOSE not in str(bench.stage.wanted()["want_pictures"]), "painted no more")
+    eventually(lambda: CLOSE not in str(bench.stage.wanted()["want_pictures"]))
 
 
 def test_a_close_picture_shows_the_hand_whole_and_large_with_its_outline(bench):
@@ -198,7 +198,7 @@ def test_the_wheel_enlarges_and_nothing_is_counted_twice(bench, page):
     assert_allclose(page.centre, page.view.card.centre, atol=1e-9)
     assert 1.0 < page.times() <= 12.0
     page.press("View: the whole image")
-    eventually(lambda: page.times() == 1.0, "all of it")
+    eventually(lambda: page.times() == 1.0)
     page.obey()
     centre, target, fov = page.centre, page.target, page.told("SetCameraFovMessage")
     for notch in range(1, 5):  # the browser goes on while the answers are under way
@@ -208,8 +208,7 @@ def test_the_wheel_enlarges_and_nothing_is_counted_twice(bench, page):
         lambda: (
             np.tan(page.told("SetCameraFovMessage") / 2)
             == pytest.approx(np.tan(fov / 2) * 0.95**12, rel=1e-3)
-        ),
-        "the field of view follows",
+        )
     )
     assert page.view is not None and not page.view.follows and not page.view.left
 
@@ -220,7 +219,7 @@ def test_an_answer_to_what_it_was_told_before_undoes_nothing(bench, monkeypatch,
     page.obey()
     old = page.centre, page.target
     page.press("View: the whole image")
-    eventually(lambda: page.times() == 1.0, "all of it")
+    eventually(lambda: page.times() == 1.0)
     page.tell(*old)
     page.obey()
     time.sleep(0.3)
@@ -232,10 +231,10 @@ def test_who_walks_out_is_told_and_one_key_leads_back(bench, monkeypatch, wire, 
     page.press("Camera view: front")
     page.obey()
     page.tell(page.centre + 0.05, page.target + 0.05)
-    eventually(lambda: page.view is not None and page.view.left, "left")
-    eventually(lambda: "You left front" in str(wire.messages), "told")
+    eventually(lambda: page.view is not None and page.view.left)
+    eventually(lambda: "You left front" in str(wire.messages))
     page.press("View: the hand, and back into the camera")
-    eventually(lambda: page.view is not None and not page.view.left, "back")
+    eventually(lambda: page.view is not None and not page.view.left)
     page.obey()
     assert page.view is not None and page.view.follows
 
@@ -244,12 +243,9 @@ def test_a_window_of_another_shape_shows_the_hand_as_well(bench, page):
     page.press("Camera view: front")
     page.obey()
     page.obey(width=300)
-    eventually(lambda: page.view is not None and page.view.aspect == 0.5, "the new shape")
+    eventually(lambda: page.view is not None and page.view.aspect == 0.5)
     assert page.view.follows
-    eventually(
-        lambda: page.told("SetCameraFovMessage") == pytest.approx(page.view.eye.fov),  # type: ignore[union-attr]
-        "its field of view",
-    )
+    eventually(lambda: page.told("SetCameraFovMessage") == pytest.approx(page.view.eye.fov))
 
 
 @pytest.mark.parametrize(

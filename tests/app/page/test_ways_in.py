@@ -33,5 +33,5 @@ def test_what_was_tracked_is_there_and_shown_by_a_button_where_it_does_not_fit(
             if not fits:
                 assert there() == []
                 wire.press("Show them")
-            eventually(lambda: there() == frames, "all that was tracked")  # noqa: B023
+            eventually(lambda: there() == frames)  # noqa: B023
             assert "wrist_flex" in bench.state.names

@@ -52,7 +52,7 @@ def test_a_root_pose_beyond_reason_does_nothing_and_a_good_one_moves_the_hand(be
             "type": "TransformControlsUpdateMessage", "name": "/root",
             "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [x, 0.0, 0.0],
         })  # fmt: skip
-        eventually(lambda x=x: control.position[0] == x, "it came")
+        eventually(lambda x=x: control.position[0] == x)
     eventually(
         lambda: abs(bench.layout.pose.sliders["root_tx"].value - 50.0) < 0.1, "the good one counts"
     )
@@ -64,7 +64,7 @@ def test_the_hand_follows_a_slider_while_tracking(tmp_path):
     with shown(tmp_path, opener=opener) as bench:
         bench.engine.track(0, FRAMES, 0)
         tracking = bench.layout.tracking
-        eventually(lambda: tracking.progress.state == "tracking", "it is tracked")
+        eventually(lambda: tracking.progress.state == "tracking")
         slider = bench.layout.pose.sliders["index_mcp_flex"]
         with WireClient(bench.url) as client:
             for k in range(10):
@@ -91,7 +91,7 @@ def test_a_page_that_comes_late_is_told_what_was_said(bench):
     eventually(lambda: "Welcome back" in bench.layout.messages.said.content, "said to nobody")
     with WireClient(bench.url) as wire:
         came = lambda: any("Welcome back" in str(message) for _, message in wire.messages)  # noqa: E731
-        eventually(came, "told")
+        eventually(came)
 
 
 def told_value(client, handle):
@@ -107,37 +107,37 @@ def test_c42_two_pages_edit_and_the_last_edit_stands(bench, pages):
     first, second = pages
     for one, other, angle in ((first, second, 50.0), (second, first, 60.0)):
         one.set_value(slider, angle)
-        eventually(lambda: told_value(other, slider) == angle, "the other sees it")  # noqa: B023
+        eventually(lambda: told_value(other, slider) == angle)  # noqa: B023
     joint = bench.state.names.index("index_mcp_flex")
     shown = lambda: round(np.rad2deg(bench.stage.pose.values[joint]))  # noqa: E731
-    eventually(lambda: shown() == 60 and not np.allclose(places(), before, atol=1e-3), "the hand follows")  # fmt: skip
+    eventually(lambda: shown() == 60 and not np.allclose(places(), before, atol=1e-3))
     for _ in range(2):
         first.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: np.allclose(places(), before, atol=1e-4), "undone, whoever did it")
-    eventually(lambda: abs(slider.value - value) < 0.06, "the slider, too")
+    eventually(lambda: abs(slider.value - value) < 0.06)
     assert bench.door.messages.refused == 0
 
 
 def test_each_page_looks_through_a_camera_of_its_own(bench):
     view = bench.layout.session
     with WireClient(bench.url) as one, WireClient(bench.url) as other:
-        eventually(lambda: len(bench.server.get_clients()) == 2, "both are there")
+        eventually(lambda: len(bench.server.get_clients()) == 2)
         other.set_value(view.through, "side")
-        eventually(lambda: _shown(other, "/screen"), "the camera's picture")
+        eventually(lambda: _shown(other, "/screen"))
         assert not _shown(other, "/cameras"), "its frustum would be in the way"
         assert _shown(one, "/screen") is None and _shown(one, "/cameras") is not False
         one.set_value(view.through, "front")
         other.set_value(view.paint, "nothing")
-        eventually(lambda: _shown(one, "/screen"), "its own picture")
+        eventually(lambda: _shown(one, "/screen"))
         wanted = (("front", "outline"), ("side", "plain"))
-        eventually(lambda: bench.stage.looking.pictures(None) == wanted, "each its own")
+        eventually(lambda: bench.stage.looking.pictures(None) == wanted)
         assert bench.state.display.paint == "plain", "of the small pictures: the last choice"
         other.set_value(view.view, "Everything")
-        eventually(lambda: _shown(other, "/cameras"), "free again")
-        eventually(lambda: _shown(other, "/screen") is False, "without the picture")
+        eventually(lambda: _shown(other, "/cameras"))
+        eventually(lambda: _shown(other, "/screen") is False)
         assert told_value(other, view.through) == "orbit view" and _shown(one, "/screen")
         other.set_value(view.through, "side")
-        eventually(lambda: bench.stage.looking.pictures(None) == wanted, "two pictures")
+        eventually(lambda: bench.stage.looking.pictures(None) == wanted)
     eventually(
         lambda: bench.stage.looking.pictures(None) == (), "of pages that went none is painted"
     )
@@ -157,17 +157,17 @@ def _status(bench):
 
 def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
     layout = bench.layout
-    eventually(lambda: layout.next.button.visible, "a step is offered")
+    eventually(lambda: layout.next.button.visible)
     wire.set_value(layout.next.button, True)
-    eventually(lambda: all(_status(bench) >= 0) and layout.next.button.visible, "tracked")
+    eventually(lambda: all(_status(bench) >= 0) and layout.next.button.visible)
     wire.set_value(layout.next.button, True)
     eventually(lambda: bench.state.frame == 7, "the doubtful frame")
     eventually(lambda: not layout.next.button.visible, "it has done its work")
     wire.set_value(layout.review.accept_next, True)
-    eventually(lambda: layout.review.done == 1, "accepted")
-    eventually(lambda: layout.next.button.visible, "and what comes after")
+    eventually(lambda: layout.review.done == 1)
+    eventually(lambda: layout.next.button.visible)
     wire.set_value(layout.pose.edit_buttons, "Undo")
-    eventually(lambda: layout.review.done == 0, "it is to be looked at again")
+    eventually(lambda: layout.review.done == 0)
 
 
 def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
@@ -175,14 +175,14 @@ def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
     with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as client:
         button = bench.layout.next.button
         bench.engine.track(3, FRAMES, 3)
-        eventually(lambda: (_status(bench) >= 0).sum() > 2, "some frames")
+        eventually(lambda: (_status(bench) >= 0).sum() > 2)
         assert not button.visible, "it is under way"
         bench.engine.cancel()
-        eventually(lambda: bench.layout.progress.state == "idle", "cancelled")
+        eventually(lambda: bench.layout.progress.state == "idle")
         assert np.flatnonzero(_status(bench) >= 0)[-1] < FRAMES - 1
-        eventually(lambda: button.visible, "it can go on")
+        eventually(lambda: button.visible)
         client.set_value(button, True)
-        eventually(lambda: all(_status(bench)[3:] >= 0), "to the end")
+        eventually(lambda: all(_status(bench)[3:] >= 0))
         assert (_status(bench)[:3] < 0).all(), "only from where it ended"
 
 
@@ -198,11 +198,11 @@ def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench, wire):
     eventually(lambda: len(history.options) == 4, "three steps, and now")
     second = next(one for one in history.options if "Ring" in one)
     wire.set_value(history, second)
-    eventually(lambda: abs(np.rad2deg(value_of(state, "ring_mcp_flex")) - 30.0) > 1, "before it")
+    eventually(lambda: abs(np.rad2deg(value_of(state, "ring_mcp_flex")) - 30.0) > 1)
     assert abs(np.rad2deg(value_of(state, "index_mcp_flex")) - 20.0) < 0.1, "the first one holds"
     eventually(lambda: len(history.options) == 4 and history.options[2] == "now", "two undone")
     wire.set_value(history, history.options[0])
-    eventually(lambda: abs(np.rad2deg(value_of(state, "thumb_ip_flex")) - 15.0) < 0.1, "again")
+    eventually(lambda: abs(np.rad2deg(value_of(state, "thumb_ip_flex")) - 15.0) < 0.1)
 
 
 def test_a_setting_is_marked_undone_saved_and_brought_back_to_session_toml(bench, wire):
@@ -216,20 +216,20 @@ def test_a_setting_is_marked_undone_saved_and_brought_back_to_session_toml(bench
     iterations = panel.controls["solver.iterations"].widget
     usual = iterations.value
     wire.set_value(control, 2.0)
-    eventually(lambda: "--set cloud.weight=2" in saved.words.content, "what is changed is told")
-    eventually(lambda: control.label == "Cloud •" and bool(saved.back.visible), "marked")
+    eventually(lambda: "--set cloud.weight=2" in saved.words.content)
+    eventually(lambda: control.label == "Cloud •" and bool(saved.back.visible))
     wire.set_value(iterations, 7)
-    eventually(lambda: iterations.label == "Iterations •", "marked")
+    eventually(lambda: iterations.label == "Iterations •")
     wire.set_value(undo, "Undo")
-    eventually(lambda: iterations.value == usual, "the last change is taken back")
+    eventually(lambda: iterations.value == usual)
     assert control.value == 2.0
     wire.set_value(saved.back, True)
-    eventually(lambda: control.value == 1.0 and not saved.back.visible, "as session.toml")
-    eventually(lambda: control.label == "Cloud", "no longer marked")
+    eventually(lambda: control.value == 1.0 and not saved.back.visible)
+    eventually(lambda: control.label == "Cloud")
     wire.set_value(undo, "Undo")
-    eventually(lambda: control.value == 2.0 and bool(saved.save.visible), "that is undone, too")
+    eventually(lambda: control.value == 2.0 and bool(saved.save.visible))
     wire.set_value(saved.save, True)
-    eventually(lambda: not saved.save.visible and not saved.back.visible, "nothing to save")
+    eventually(lambda: not saved.save.visible and not saved.back.visible)
     assert path.read_text() == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
     assert (control.label, control.value) == ("Cloud", 2.0)
     bench.engine.set_setting("cloud.weight", 1.0)
@@ -241,19 +241,19 @@ def test_a_number_of_the_shape_is_set_shown_and_undone(bench, wire):
     before = panel.list.content
     usual = panel.slider.max
     wire.set_value(panel.chosen, "palm breadth")
-    eventually(lambda: panel.slider.max != usual, "its range")
+    eventually(lambda: panel.slider.max != usual)
     wire.set_value(panel.slider, 6.0)
-    eventually(lambda: "+6.0 %" in panel.list.content, "shown")
+    eventually(lambda: "+6.0 %" in panel.list.content)
     wire.set_value(panel.chosen, "thumb base along")
-    eventually(lambda: panel.slider.label == "mm", "another number")
+    eventually(lambda: panel.slider.label == "mm")
     assert panel.slider.value == 0.0
     wire.set_value(panel.slider, -3.0)
-    eventually(lambda: "−3.0 mm" in panel.list.content, "shown")
+    eventually(lambda: "−3.0 mm" in panel.list.content)
     assert "+6.0 %" in panel.list.content
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: "−3.0 mm" not in panel.list.content and panel.slider.value == 0.0, "back")
+    eventually(lambda: "−3.0 mm" not in panel.list.content and panel.slider.value == 0.0)
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: panel.list.content == before, "the first is undone, too")
+    eventually(lambda: panel.list.content == before)
 
 
 TAG = "<img src=x onerror=alert(1)>"
@@ -275,7 +275,5 @@ def test_c53_names_in_a_sessions_files_are_text(recorded, tmp_path):
         edit(folder / file, 'name = "cam0"', f"name = {json.dumps('cam' + TAG)}")
     (folder / "masks/cam0/000001.png").write_bytes(b"no image")  # a note names the file
     with shown(folder) as bench:
-        eventually(
-            lambda: any("&lt;img" in text for text in written_in(bench.server)), "the name is shown"
-        )
+        eventually(lambda: any("&lt;img" in text for text in written_in(bench.server)))
         assert [text for text in written_in(bench.server) if TAG in text] == []

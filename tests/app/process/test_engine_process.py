@@ -131,7 +131,7 @@ def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_
     assert holder_of(tracks).pid == engine.pid
     engine.engine.set_pose(2, values_with(0.3), 1)
     engine.engine.set_pose(4, values_with(0.4), 2)
-    eventually(lambda: page.saved == "saved" and not engine._outbox.edits, "on disk")
+    eventually(lambda: page.saved == "saved" and not engine._outbox.edits)
     assert engine.pid is not None
     os.kill(engine.pid, signal.SIGSTOP)
     engine.engine.undo(3)  # of frame 4
@@ -146,7 +146,7 @@ def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_
     engine.engine.set_pose(7, values_with(0.7), 6)
     told = page.seen[said : page.seen.index(notice)]
     assert not [s for s in told if isinstance(s, snapshots.WorkSnapshot) and s.saved == "saved"]
-    eventually(lambda: page.saved == "saved", "done again")
+    eventually(lambda: page.saved == "saved")
     state = state_on_disk(tmp_path)
     assert {
         "pose/2",
@@ -195,7 +195,7 @@ def test_c40_what_takes_too_much_memory_or_ends_every_engine_is_given_up_by_name
     engine.set_setting("cloud.weight", 7.0)
     engine.set_pose(6, values_with(0.6), 2)
     page.told("Given up: set setting cloud.weight.")
-    eventually(lambda: page.saved == "saved", "all else")
+    eventually(lambda: page.saved == "saved")
     assert {"pose/3", "pose/6"} <= state_on_disk(tmp_path).keys()
 
 
@@ -289,13 +289,13 @@ def test_c40_an_engine_whose_page_was_killed_ends_and_frees_the_session(tmp_path
     )
     engine = int(parent.stdout.readline())
     tracks = tmp_path / "tracks"
-    eventually(lambda: (holder_of(tracks) or None) is not None, "it writes")
+    eventually(lambda: (holder_of(tracks) or None) is not None)
     assert next(tracks.glob("lease-*.json")).is_file()
     parent.kill()
     parent.wait(120)
     parent.stdout.close()
-    eventually(lambda: not any(tracks.glob("lease-*.json")), "the lease is given back")
-    eventually(lambda: not _works(engine), "its process ended")
+    eventually(lambda: not any(tracks.glob("lease-*.json")))
+    eventually(lambda: not _works(engine))
 
 
 def _works(pid):

@@ -234,4 +234,4 @@ def test_refined_frames_reach_rerun_too(tmp_path, monkeypatch):
         listener.told("Tracking finished")
         results = worker.document.results
         refined = [(frame, one.parameters.tolist()) for frame, one in results.items()]
-        eventually(lambda wanted=refined: shown[-12:] == wanted, "as refined, in their order")
+        eventually(lambda wanted=refined: shown[-12:] == wanted)
