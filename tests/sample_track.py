@@ -1,4 +1,4 @@
-"""A small tracked sequence of invented numbers, with the joint names of a hand."""
+"""Small tracked sequences of invented poses."""
 
 import json
 from collections.abc import Iterable
@@ -8,41 +8,20 @@ import numpy as np
 
 from handtrack import ArticulatedModel, FrameResult, Status, TrackResult, load_model
 from handtrack.arrays import Floats
-from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import scale_table
 from handtrack.tracking.frame.result import TrackLabels
 
-PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz", "index_mcp_flex")
-BONES = ("root", "index_proximal")
+HAND = load_model("hand26")
 
 
-def sample_frame(
-    rng: np.random.Generator, frame: int, status: Status = Status.TRACKED
-) -> FrameResult:
-    """Return a result with random points within a decimetre, each known to 2 mm."""
-    joints = rng.uniform(-0.1, 0.1, (21, 3))
-    transforms = np.tile(np.eye(4), (len(BONES), 1, 1))
-    transforms[:, :3, 3] = joints[:2]
-    return FrameResult(
-        frame=frame,
-        time_s=frame / 25,
-        parameters=rng.normal(size=len(PARAMETERS)),
-        status=status,
-        energy=float(rng.uniform(1, 2)),
-        iterations=4,
-        parameter_std=np.full(len(PARAMETERS), 0.01),
-        joint_covariance=np.tile(0.002**2 * np.eye(3), (21, 1, 1)),
-        T_world_bone=transforms,
-        joint_positions=joints,
-        keypoints21=joints.copy(),
-    )
+def sample_frame(rng: np.random.Generator, frame: int, **more: Any) -> FrameResult:
+    """Return a tracked frame of a hand in any pose; more: other fields."""
+    pose = HAND.clipped(rng.uniform(-0.1, 1.0, len(HAND.rest)))
+    return posed_frame(HAND, frame, pose, **more)
 
 
 def stacked(frames: Iterable[FrameResult]) -> TrackResult:
-    labels = TrackLabels(
-        PARAMETERS, BONES, keypoint_names(), "hand26", "right", '{"overall": 1.0}', "invented", "{}", "0.0",
-    )  # fmt: skip
-    return labels.track(list(frames))
+    return labels_of(HAND).track(list(frames))
 
 
 def sample_track(rng: np.random.Generator, frames: Iterable[int] = range(5)) -> TrackResult:
@@ -75,11 +54,9 @@ def labels_of(model: ArticulatedModel, session: str = "invented", **more: Any) -
 
 def hand_track(count: int = 5) -> TrackResult:
     """Return a right hand that closes and moves along x."""
-    model = load_model("hand26")
     frames = []
     for frame in range(count):
-        joint = (0.5 + frame / count) * model.rest
+        joint = (0.5 + frame / count) * HAND.rest
         joint[0] = 0.01 * frame
-        pose = model.clipped(model.transform.solver_params(joint))
-        frames.append(posed_frame(model, frame, model.joint_params(pose)))
-    return labels_of(model).track(frames)
+        frames.append(posed_frame(HAND, frame, HAND.clipped(joint)))
+    return stacked(frames)

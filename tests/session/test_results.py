@@ -32,7 +32,7 @@ from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import PARTS, Alternative
 from handtrack.tracking.frame.tables.track_model import model_of
 from tests.export.sequences import KINDS, sample_rig, sample_sequence
-from tests.sample_track import PARAMETERS, sample_frame, sample_track, stacked
+from tests.sample_track import HAND, sample_frame, sample_track, stacked
 from tests.session.small_session import edit
 
 
@@ -59,15 +59,17 @@ def test_a_result_comes_back_as_it_was(rng, tmp_path):
 
 def test_nothing_of_a_frame_is_lost_on_the_way(rng, tmp_path):
     """Each field that may be left out is given, whatever there will be."""
-    poses = rng.normal(size=(1, len(PARAMETERS)))
-    whole = replace(
-        sample_frame(rng, 7, Status.DOUBTFUL),
+    pose = rng.normal(size=len(HAND.rest))
+    whole = sample_frame(
+        rng,
+        7,
+        status=Status.DOUBTFUL,
         energies={"cloud": 1.5},
         reason=Reason("overlap", "", "cam0", 0.5, 0.25),
         p_off_25mm=0.4,
         p_off_10mm=rng.uniform(size=len(PARTS)),
         views=3,
-        alternatives=(Alternative(poses[0], 3.0, 1.0, -1, "start"),),
+        alternatives=(Alternative(pose, 3.0, 1.0, -1, "start"),),
     )
     write_npz(tmp_path / "poses.npz", stacked([sample_frame(rng, 6), whole]))
     record = Record(1, "frame", *result_content(whole))
@@ -88,7 +90,7 @@ def test_nothing_of_a_frame_is_lost_on_the_way(rng, tmp_path):
         ({"format": None}, "no array `format`, so this is no tracked sequence"),
         ({"energy": None, "status": None}, "arrays are missing: status, energy. Found: "),
         ({"energy": np.zeros(3)}, r"energy has the shape (3,); expected (5,)"),
-        ({"T_world_bone": np.zeros((5, 4, 4))}, "expected (5, 2, 4, 4)"),
+        ({"T_world_bone": np.zeros((5, 4, 4))}, "expected (5, 25, 4, 4)"),
         ({"status": np.zeros(5)}, "status holds float64; expected whole numbers"),
         ({"status": np.full(5, 9)}, "status has values other than 0 to 3"),
         ({"frame": np.array([0, 1, 1, 2, 3])}, "frame numbers do not ascend"),

@@ -1,31 +1,30 @@
 """Takes for tests of the store: invented frames, with and without hypotheses."""
 
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.model.articulated import keypoint_names
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import Alternative, TrackLabels
+from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.hypotheses.motion_belief import Hypothesis, MotionBelief
 from handtrack.tracking.state import Step
-from tests.sample_track import BONES, PARAMETERS, sample_frame
-
-LABELS = TrackLabels(PARAMETERS, BONES, keypoint_names(), "hand26", "right", '{"overall": 1.0}')
+from tests.sample_track import HAND, labels_of, sample_frame
 
 
 def about(frames: range = range(5), by: str = "a test", **inputs: str) -> TakeAbout:
     """Return the description of a take of some frames."""
-    return TakeAbout(by, "2026-01-01T00:00:00Z", (frames.start, frames.stop), LABELS, inputs)
+    return TakeAbout(
+        by, "2026-01-01T00:00:00Z", (frames.start, frames.stop), labels_of(HAND), inputs
+    )
 
 
 def step(rng: np.random.Generator, frame: int, hypotheses: int = 0) -> Step:
     """Return a tracked frame with all that may be in one."""
-    count = len(PARAMETERS)
+    count = len(HAND.rest)
     known = tuple(
         Hypothesis(
             MotionBelief(
@@ -42,8 +41,9 @@ def step(rng: np.random.Generator, frame: int, hypotheses: int = 0) -> Step:
     others = tuple(
         Alternative(h.params, h.cost, h.weight, n, h.origin) for n, h in enumerate(known)
     )
-    result = replace(
-        sample_frame(rng, frame),
+    result = sample_frame(
+        rng,
+        frame,
         energies={"silhouettes": 0.1, "motion": float("nan")},
         reason=Reason("overlap", camera="cam0", number=0.1 + 0.2),
         alternatives=others,

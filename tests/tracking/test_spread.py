@@ -13,7 +13,6 @@ OWN = {"index": 1.0, "middle": -0.15, "ring": 0.8, "little": 1.5}
 
 
 def test_only_frames_that_show_it_count(rng):
-    track = replace(sample_track(rng, range(6)), parameter_names=load_model().parameter_names)
     model = load_model(coupling="18", spread=OWN)
     abducted = np.tile(model.rest_params(), (6, 1))
     abducted[:, model.transform.names.index("spread")] = np.deg2rad(rng.uniform(2, 20, 6))
@@ -22,7 +21,7 @@ def test_only_frames_that_show_it_count(rng):
     std[3, :] = np.inf
     status = np.array([Status.TRACKED] * 5 + [Status.LOST])
     poses[3] = poses[5] = 0.3  # neither may count
-    shown = replace(track, parameters=poses, parameter_std=std, status=status)
+    shown = replace(sample_track(rng, range(6)), parameters=poses, parameter_std=std, status=status)
     found = spread_of_track(shown)
     assert found.frames == 4
     assert found.ratio == pytest.approx(OWN)
