@@ -99,5 +99,5 @@ def session(recorded, tmp_path):
 def cloudy(tmp_path):
     """A workbench with a recording that has clouds, the first of them shown."""
     with shown(cloudy_session(tmp_path)) as workbench:
-        eventually(lambda: bool(workbench.stage.cloud.points.visible))
+        eventually(lambda: workbench.stage.cloud.points.visible)
         yield workbench

@@ -8,7 +8,8 @@ import stat
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,25 +23,6 @@ from handtrack_app.cli import main
 from handtrack_app.commands import track
 from tests.app.command_line import FRAMES, PROGRAM
 from tests.killing import copy_of_a_fresh_process, forked
-
-
-class Interrupter:
-    """A progress bar that sends this program a signal after some frames, Ctrl-C by default."""
-
-    def __init__(self, after, presses=1, number=signal.SIGINT):
-        self.left, self.presses, self.number = after, presses, number
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_): ...
-
-    def update(self, frames=1):
-        before, self.left = self.left, self.left - frames
-        if before > 0 >= self.left:  # frames that were solved ahead come at once
-            for _ in range(self.presses):
-                os.kill(os.getpid(), self.number)
-                time.sleep(0.01)  # handlers run between two instructions
 
 
 def test_an_interrupted_simulation_leaves_nothing(handtrack, tmp_path, monkeypatch):
@@ -72,9 +54,19 @@ def whole(tracked):
 
 @contextmanager
 def interrupted(monkeypatch, after, number=signal.SIGINT, presses=1):
-    """Let tracking be sent a signal after some frames."""
+    """Let tracking be sent a signal after some frames, by its progress bar."""
+    done = 0
+
+    def update(frames=1):
+        nonlocal done
+        before, done = done, done + frames
+        if before < after <= done:  # frames that were solved ahead come at once
+            for _ in range(presses):
+                os.kill(os.getpid(), number)
+                time.sleep(0.01)  # handlers run between two instructions
+
     with monkeypatch.context() as patch:
-        patch.setattr(track, "progress_bar", lambda *_: Interrupter(after, presses, number))
+        patch.setattr(track, "progress_bar", lambda *_: nullcontext(SimpleNamespace(update=update)))
         yield
 
 

@@ -45,7 +45,7 @@ def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench, wire):
         posed = tuple(value + by * (n == 10) for n, value in enumerate(document.start))
         bench.engine.set_pose(frame, posed, 100 + frame)
     bench.go_to(2)
-    eventually(lambda: bool(tracking.between.visible))
+    eventually(lambda: tracking.between.visible)
     wire.set_value(tracking.between, True)
     eventually(lambda: set(document.results) == set(range(3, 9)))
     at = document.model.parameter_names.index("index_mcp_flex")

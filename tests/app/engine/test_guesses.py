@@ -53,14 +53,14 @@ def test_the_hand_is_found_taken_and_can_be_undone(bench, wire, search):
     panel, state = bench.layout.guesses, bench.state
     before = state.values
     wire.set_value(panel.find, "best frame")
-    eventually(lambda: bool(panel.cancel.visible) and not panel.find.visible)
+    eventually(lambda: panel.cancel.visible and not panel.find.visible)
     shown = bench.layout.progress
     eventually(lambda: (shown.text, shown.done, shown.total) == ("40 of 100 starts", 40, 100))
     search.set()
     eventually(lambda: state.frame == 5 and abs(state.values[0] - 0.03) < 1e-9, "the surest taken")
     eventually(lambda: not panel.cancel.visible and panel.find.visible)
     eventually(lambda: panel.takes.options == ("1", "2"))
-    eventually(lambda: bool(bench.stage.ghosts.bones.visible))
+    eventually(lambda: bench.stage.ghosts.bones.visible)
     eventually(lambda: ">found<" in bench.layout.pose.card.content)
     wire.set_value(panel.takes, "2")
     eventually(lambda: abs(state.values[0] - 0.08) < 1e-9)
@@ -71,7 +71,7 @@ def test_the_hand_is_found_taken_and_can_be_undone(bench, wire, search):
     bench.go_to(6)
     eventually(lambda: not bench.stage.ghosts.bones.visible and not panel.folder.visible)
     bench.go_to(5)
-    eventually(lambda: bool(bench.stage.ghosts.bones.visible))
+    eventually(lambda: bench.stage.ghosts.bones.visible)
 
 
 def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path):
@@ -97,7 +97,7 @@ def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path):
 def test_a_search_can_be_cancelled_and_may_find_nothing(bench, search):
     panel = bench.layout.guesses
     bench.engine.find_hand(9)
-    eventually(lambda: bool(panel.cancel.visible))
+    eventually(lambda: panel.cancel.visible)
     bench.engine.cancel()
     eventually(lambda: not panel.cancel.visible, "cancelled before the search came to its end")
     search.set()
@@ -121,7 +121,7 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(bench):
     store.end_take(finished=True)
     bench.go_to(4)
     panel, ghosts = bench.layout.guesses, bench.stage.ghosts
-    eventually(lambda: panel.guesses is not None and bool(ghosts.bones.visible))
+    eventually(lambda: panel.guesses is not None and ghosts.bones.visible)
     count = len(model.skeleton.bone_names)
     bones = model.bones(other)
     assert_allclose(ghosts.bones.batched_positions[count:], bones.position, atol=1e-6)

@@ -1,9 +1,10 @@
 """Running cameras in the workbench's engine: watched, tracked, recorded; nothing is written into the session's own folder."""
 
+import numpy as np
 import pytest
 
 import handtrack.session.live.live_session as live_session
-from handtrack import Session
+from handtrack import Session, TrackingRun, read_npz
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.process.child import LiveOptions
 from handtrack_app.protocol import snapshots
@@ -11,7 +12,7 @@ from tests.app.desk import working
 from tests.app.waiting import eventually
 from tests.live_cameras import ScriptedDevice
 from tests.session.small_session import make_session
-from tests.session.test_live_session import hand_image
+from tests.session.test_live_session import SKIN, hand_image
 
 FAST = {"solver.iterations": 2, "tracker.recovery": False}
 
@@ -27,9 +28,9 @@ class Studio:
         opener = lambda f: open_live_document(options, f, FAST)  # noqa: E731
         self.worker, self.listener = working(folder, opener)
 
-    def show(self):
+    def show(self, x=17):
         for device in self.devices:
-            device.show(hand_image())
+            device.show(hand_image(x))
 
     def wait_for_pose(self, test):
         return self.listener.wait(snapshots.PoseSnapshot, test)
@@ -72,8 +73,8 @@ def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
     studio.worker.engine.track_live()
     eventually(lambda: studio.worker.busy)
     feed = studio.worker.document.run.session.live
-    for count in range(1, 4):
-        studio.show()
+    for count, x in enumerate((10, 14, 18), 1):
+        studio.show(x)
         eventually(lambda count=count: feed.counts["cam0"]["used"] >= count)
     eventually(lambda: len(studio.worker.document.results) >= 3)
     studio.worker.engine.cancel()
@@ -87,7 +88,13 @@ def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
     again = Session.open(new)
     assert again.frame_count >= 3
     assert again.init is not None or not any(result.fits for result in results.values())
-    assert (new / "tracks" / "poses.npz").is_file()
+    assert again.warnings == []
+    image = again.image("cam1", again.frame_count - 1)
+    assert np.abs(image[20, [22, 44]].astype(int) - SKIN).max() < 12, "the last one shown, coded"
+    assert TrackingRun.open(again).settings.solver.iterations == FAST["solver.iterations"]
+    track = read_npz(new / "tracks" / "poses.npz")
+    assert len(track) >= 3 and (np.diff(track.time_s) > 0).all()
+    assert [again.time_s(frame) for frame in track.frame] == pytest.approx(track.time_s, abs=1e-6)
     assert sorted(path.name for path in studio.folder.iterdir()) == before
     words = studio.stop()
     assert [text.partition(":")[0] for text in words] == ["cam0", "cam1"]

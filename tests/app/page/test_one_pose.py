@@ -139,7 +139,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
 
     def pictured():
         screen = bench.stage.looking._screens.get(page.number)
-        return screen is not None and bool(screen.image.visible) and screen.frame == 4
+        return screen is not None and screen.image.visible and screen.frame == 4
 
     eventually(pictured)
     assert len(set(sees.frames_of_the_page())) > 3 and sees.pictures

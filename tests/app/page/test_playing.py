@@ -72,11 +72,11 @@ def test_no_frame_is_played_over_who_edits():
     player = Player(state, asked.append, drawn, lambda: ended.append(True))  # type: ignore[arg-type]
     player.start()
     try:
-        eventually(lambda: bool(asked))
+        eventually(lambda: asked)
         edit = state.edit({"a": 0.7})
         assert edit is not None and edit[0] == 7
         asked.clear()
-        eventually(lambda: bool(ended))
+        eventually(lambda: ended)
         assert not asked and state.frame == 7 and not state.playing
     finally:
         player.stop()

@@ -57,7 +57,7 @@ def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench, pa
 
     def reached():
         there = _pose(bench).joints[session.joint_names.index("index_pip")]
-        return bool(np.linalg.norm(there - aim) < 0.008)
+        return np.linalg.norm(there - aim) < 0.008
 
     eventually(reached)
     assert _pose(bench).origin == "set" and not _pose(bench).pins
@@ -159,14 +159,14 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(be
     tip = pose.joints[session.joint_names.index("index_tip")]
     aim = tip + 0.02 * page.view.card.rotation[0]
     page.drag("/grips/flesh", tip, aim, part=_ellipsoid(session, "index_distal"))
-    eventually(lambda: bool(bench.stage.pose and bench.stage.pose.pins))
+    eventually(lambda: bench.stage.pose and bench.stage.pose.pins)
 
     def follows():
         now = bench.stage.pose
         if now is None or not now.pins or now.pins[0].off_px >= 0.5:
             return False
         moved = now.joints[session.joint_names.index("index_tip")] - tip
-        return bool(np.linalg.norm(moved) > 0.015)
+        return np.linalg.norm(moved) > 0.015
 
     eventually(follows)
     eventually(lambda: bench.layout.pose.pins.pins == bench.stage.pose.pins)

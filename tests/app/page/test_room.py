@@ -13,7 +13,7 @@ from tests.app.wire import Browser, WireClient, said
 
 def answer(wire, kept):
     """Answer what the browser remembers."""
-    eventually(lambda: bool(said(wire, "LocalStorageGetItemRequestMessage")))
+    eventually(lambda: said(wire, "LocalStorageGetItemRequestMessage"))
     wire.answer(said(wire, "LocalStorageGetItemRequestMessage")[-1], kept)
 
 
@@ -65,29 +65,25 @@ def test_the_handle_moves_or_turns_along_one_axis_by_keys(bench, page):
     control = bench.stage.root.control
 
     def free():
-        return not control.disable_axes, not control.disable_rotations, control.active_axes
+        return [not control.disable_axes, not control.disable_rotations, control.active_axes]
 
-    page.press("Grab: move the hand; then X, Y or Z")
-    eventually(lambda: free() == (True, False, (True, True, True)))
-    page.press("View: wider")  # its key is X
-    eventually(lambda: free() == (True, False, (True, False, False)), "along x")
-    page.press("Turn the hand; then X, Y or Z")
-    eventually(lambda: free() == (False, True, (True, True, True)))
-    page.press("View: wider")
-    eventually(lambda: free() == (False, True, (False, True, True)), "about x")
-    page.press("Close the dialog, or leave the camera")  # Escape
-    eventually(lambda: free() == (True, True, (True, True, True)))
+    x, escape = "View: wider", "Close the dialog, or leave the camera"  # what these keys else do
+    for command, *wanted in (
+        ("Grab: move the hand; then X, Y or Z", True, False, (True, True, True)),
+        (x, True, False, (True, False, False)),
+        ("Turn the hand; then X, Y or Z", False, True, (True, True, True)),
+        (x, False, True, (False, True, True)),
+        (escape, True, True, (True, True, True)),
+    ):
+        page.press(command)
+        eventually(lambda wanted=wanted: free() == wanted, f"{wanted} after: {command}")
 
 
 def test_frames_and_keyframes_by_key(bench, page):
-    page.press("First frame")
-    eventually(lambda: bench.state.frame == 0)
-    page.press("Ten frames on")
-    eventually(lambda: bench.state.frame == 10)
-    page.press("Ten frames on")
-    eventually(lambda: bench.state.frame == FRAMES - 1, "no farther than the last")
-    page.press("Ten frames back")
-    eventually(lambda: bench.state.frame == FRAMES - 11)
+    last, on, back = FRAMES - 1, "Ten frames on", "Ten frames back"
+    for command, frame in (("First frame", 0), (on, 10), (on, last), (back, last - 10)):
+        page.press(command)
+        eventually(lambda frame=frame: bench.state.frame == frame, f"{frame} after: {command}")
     page.press("Keep this pose: a keyframe")
     strip = bench.layout.timeline
     eventually(lambda: strip.strip is not None and 1 in strip.strip.by_hand)
@@ -116,4 +112,4 @@ def test_who_comes_first_is_led_in_five_steps_and_can_leave_at_once(bench):
             here = later(here)
         wire.set_value(here, "Leave")
         eventually(lambda: wire.button("Tour") is None)
-        eventually(lambda: bool(said(wire, "LocalStorageSetItemMessage")))
+        eventually(lambda: said(wire, "LocalStorageSetItemMessage"))

@@ -217,7 +217,7 @@ def test_a_setting_is_marked_undone_saved_and_brought_back_to_session_toml(bench
     usual = iterations.value
     wire.set_value(control, 2.0)
     eventually(lambda: "--set cloud.weight=2" in saved.words.content)
-    eventually(lambda: control.label == "Cloud •" and bool(saved.back.visible))
+    eventually(lambda: control.label == "Cloud •" and saved.back.visible)
     wire.set_value(iterations, 7)
     eventually(lambda: iterations.label == "Iterations •")
     wire.set_value(undo, "Undo")
@@ -227,7 +227,7 @@ def test_a_setting_is_marked_undone_saved_and_brought_back_to_session_toml(bench
     eventually(lambda: control.value == 1.0 and not saved.back.visible)
     eventually(lambda: control.label == "Cloud")
     wire.set_value(undo, "Undo")
-    eventually(lambda: control.value == 2.0 and bool(saved.save.visible))
+    eventually(lambda: control.value == 2.0 and saved.save.visible)
     wire.set_value(saved.save, True)
     eventually(lambda: not saved.save.visible and not saved.back.visible)
     assert path.read_text() == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
