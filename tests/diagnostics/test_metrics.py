@@ -119,14 +119,10 @@ def test_a_tip_on_another_fingers_true_tip_is_a_swap(rng):
 
 
 def test_a_lost_frame_counts_with_the_estimate_it_holds(rng):
-    frames = [sample_frame(rng, k) for k in range(3)]
-    frames[1] = replace(
-        frames[1],
-        status=Status.LOST,
-        keypoints21=frames[0].keypoints21,
-        joint_positions=frames[0].joint_positions,
-    )
-    track = stacked(frames)
+    track = sample_track(rng, range(3))
+    track.status[1] = Status.LOST
+    for points in (track.keypoints21, track.joint_positions):
+        points[1] = points[0]
     truth = truth_of(track)
     truth.keypoints21[1, :, 0] += 0.03
     found = evaluate(track, truth)

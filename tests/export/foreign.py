@@ -61,12 +61,8 @@ def trc(kind, folder):
     assert tuple(data.getColumnLabels()) == table.track.joint_names
     assert data.getTableMetaDataAsString("Units") == "mm"
     assert_allclose(data.getIndependentColumn(), table.track.time_s, atol=1e-9)
-    points = np.array(
-        [
-            [[row[j][axis] for axis in range(3)] for j in range(data.getNumColumns())]
-            for row in (data.getRowAtIndex(i) for i in range(data.getNumRows()))
-        ]
-    )
+    flat = data.flatten()  # whose numbers these are
+    points = flat.getMatrix().to_numpy().reshape(table.track.joint_positions.shape)
     assert np.isnan(points[LOST_ROW]).all()
     return _worst_seen(1e-3 * points, table)
 
@@ -90,15 +86,12 @@ def mot(kind, folder):
     turns = [c.getMotionType() == opensim.Coordinate.Rotational for c in coordinates]
     markers = [model.getMarkerSet().get(name) for name in table.track.joint_names]
     points = np.zeros_like(table.track.joint_positions)
-    for i in range(data.getNumRows()):
-        row = data.getRowAtIndex(i)
-        for k, coordinate in enumerate(coordinates):
-            value = np.deg2rad(row[k]) if turns[k] else row[k]
+    values = data.getMatrix().to_numpy()
+    for row, places in zip(np.where(turns, np.deg2rad(values), values), points, strict=True):
+        for coordinate, value in zip(coordinates, row, strict=True):
             coordinate.setValue(state, float(value), False)
         model.realizePosition(state)
-        for j, marker in enumerate(markers):
-            place = marker.getLocationInGround(state)
-            points[i, j] = [place.get(0), place.get(1), place.get(2)]
+        places[:] = [marker.getLocationInGround(state).to_numpy() for marker in markers]
     return _worst(points, table.track.joint_positions)
 
 

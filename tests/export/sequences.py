@@ -4,6 +4,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from handtrack import (
     ArticulatedModel,
@@ -51,8 +52,7 @@ def smooth_poses(model: ArticulatedModel, frames: int, rng: np.random.Generator)
     knots = np.linspace(0, frames - 1, 5)
     low, high = model.limits.interval[6:].T
     wanted = rng.uniform(np.maximum(low, -3.0), np.minimum(high, 3.0), (5, len(low)))
-    rows = [np.interp(np.arange(frames), knots, column) for column in wanted.T]
-    angles = np.reshape(rows, (len(low), frames)).T
+    angles = make_interp_spline(knots, wanted, k=1)(np.arange(frames))
     turn = np.linspace(0.3, 6.5, frames)[:, None] * np.array([0.48, 0.6, 0.64])
     place = np.array([0.05, -0.02, 0.1]) + 0.1 * np.sin(np.linspace(0, 3, frames))[:, None]
     return np.concatenate([place, turn, angles], axis=1)

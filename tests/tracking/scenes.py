@@ -1,6 +1,7 @@
 """What tests of tracking share: points of a hand's surface, joints as cameras see them, and how far a result is off."""
 
 import numpy as np
+from scipy.stats import chi2
 
 from handtrack import ImageKeypoints
 from handtrack.model.articulated import keypoint_names
@@ -37,6 +38,13 @@ def joints_seen(cameras, points, off_px=0.0, sigma_px=2.0):
         ImageKeypoints(c, keypoint_names(), c.project(points) + off, sigma_px)
         for c, off in zip(cameras, beside, strict=True)
     )
+
+
+def inside_stated(result, model, params):
+    """Return (J,) whether each joint of a result is as near as nine tenths are by its stated covariance."""
+    off = result.joint_positions - model.joint_positions(model.bones(params))
+    squared = np.einsum("ji,jik,jk->j", off, np.linalg.inv(result.joint_covariance), off)
+    return squared < chi2(3).ppf(0.9)
 
 
 def off_mm(result, model, params):

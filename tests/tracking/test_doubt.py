@@ -18,10 +18,9 @@ from handtrack.tracking.frame.confidence import (
 )
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.sequence import track_recording
-from tests.tracking.scenes import joints_seen
+from tests.tracking.scenes import inside_stated, joints_seen
 
 HAND = load_model("hand26")
-CHI2_90 = 6.251388631170325
 
 
 def flat(total_m):
@@ -67,11 +66,7 @@ def test_the_own_hand_s_stated_90_percent_hold(rng):
     tracked = track_recording(Tracker(HAND), lambda f, *_: seen[f], 0, poses[0], range(len(joint)))
     last = {result.frame: result for result in tracked}
     assert [last[n].status for n in (0, 1, 2)] == [Status.TRACKED] * 3
-    inside = []
-    for n, pose in enumerate(poses):
-        off = last[n].joint_positions - HAND.joint_positions(HAND.bones(pose))
-        stated = np.linalg.solve(last[n].joint_covariance, off[..., None])[..., 0]
-        inside.append((off * stated).sum(axis=1) < CHI2_90)
+    inside = [inside_stated(last[n], HAND, pose) for n, pose in enumerate(poses)]
     assert np.mean(inside) > 0.85
     assert all(0 <= r.p_off_25mm <= 1 and r.p_off_10mm.shape == (6,) for r in last.values())
 
