@@ -12,7 +12,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from multiprocessing import forkserver
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +49,7 @@ def copies() -> Any:
     return copies
 
 
-def _within_two_minutes(work: Callable[..., object], *arguments: object) -> None:
+def _within_two_minutes(work, *arguments):
     signal.alarm(120)
     work(*arguments)
 
@@ -100,7 +99,7 @@ def killed(folder: Path, rng: random.Random, work: Work, longest_s: float) -> li
     return told
 
 
-def _work_until_killed(folder: Path, seed: float, work: Work, tell: Connection) -> None:
+def _work_until_killed(folder, seed, work, tell):
     rng, really_write = random.Random(seed), os.write
     fate = Fate(rng, really_write)
     os.write = fate.write

@@ -86,7 +86,7 @@ def recording(
     return out
 
 
-def _background(light: str, rng: np.random.Generator) -> Floats:
+def _background(light, rng):
     width, height = SIZE
     coarse = cv2.resize(rng.normal(size=(height // 12, width // 12)), SIZE)
     fine = cv2.GaussianBlur(rng.normal(size=(height, width)), (3, 3), 0)
@@ -99,6 +99,6 @@ def _background(light: str, rng: np.random.Generator) -> Floats:
     return np.repeat(shade[..., None], 3, axis=2) * np.array([1.0, 0.97, 0.92])
 
 
-def _shadow(hand: Array) -> Floats:
+def _shadow(hand):
     moved = np.roll(hand.astype(np.float64), (14, 20), axis=(0, 1))
     return np.asarray(cv2.GaussianBlur(moved, (21, 21), 0), float)

@@ -49,23 +49,23 @@ def differences(before: Any, after: Any, where: str) -> Iterator[str]:
             yield from differences(numbers, theirs, where)
 
 
-def _apart(text: str) -> tuple[list[str], list[float]]:
+def _apart(text):
     """Return what stands between a text's numbers, and the numbers."""
     return _NUMBER.split(text), [float(number) for number in _NUMBER.findall(text)]
 
 
-def _text(path: Path) -> list[str]:
+def _text(path):
     return path.read_text(encoding="utf-8").splitlines()
 
 
-def _npz(path: Path) -> dict[str, Any]:
+def _npz(path):
     with np.load(path) as arrays:
         return {name: [arrays[name].dtype.kind, arrays[name].tolist()] for name in arrays.files}
 
 
-def _log(path: Path) -> list[Any]:
+def _log(path):
     """Return the records of a log of the store."""
-    damage: list[str] = []
+    damage = []
     records = [
         {"kind": r.kind, "data": r.data, "payload": np.frombuffer(r.payload, "<f8").tolist()}
         for r in read_log(path, damage)

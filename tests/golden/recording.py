@@ -96,7 +96,7 @@ def written(folder: Path) -> None:
     )
 
 
-def _take(folder: Path) -> None:
+def _take(folder):
     """Write a store with one finished take: a folder that `tracks/` is in a session."""
     track = sample()
     first, last = int(track.frame[0]), int(track.frame[-1])

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack import Camera, CameraRig, HandScale, load_model
+from handtrack import CameraRig, HandScale, load_model
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.joints.given_joints import write_joints
@@ -65,6 +65,6 @@ def film(
     return folder
 
 
-def _camera(number: int) -> Camera:
+def _camera(number):
     turn = rotation_matrix(np.array([0.0, np.deg2rad(60.0) * number, 0.0]))
     return pinhole(f"cam{number}", (720, 960), 800, FACING @ turn.T, (0, 0, 4), at=(360, 480))

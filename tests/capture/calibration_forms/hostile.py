@@ -14,45 +14,45 @@ from tests.capture.sample_files import rig_of_two, sample
 _MAT = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
 
 
-def _text(text: str) -> Callable[[Path], Path]:
+def _text(text):
     return _bytes(text.encode())
 
 
-def _bytes(data: bytes, name: str = "c.bin") -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
+def _bytes(data, name="c.bin"):
+    def write(folder):
         (folder / name).write_bytes(data)
         return folder / name
 
     return write
 
 
-def _pipe(folder: Path) -> Path:
+def _pipe(folder):
     os.mkfifo(folder / "c.yml")
     return folder / "c.yml"
 
 
-def _huge(folder: Path) -> Path:
+def _huge(folder):
     with (folder / "c.yml").open("wb") as file:
         file.truncate(1 << 34)
     return folder / "c.yml"
 
 
-def _pickle(folder: Path) -> Path:
+def _pickle(folder):
     np.savez(folder / "c.npz", K=np.array([{"a": 1}], dtype=object))
     return folder / "c.npz"
 
 
-def _bomb(folder: Path) -> Path:
+def _bomb(folder):
     with zipfile.ZipFile(folder / "c.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("K.npy", bytes(260 << 20))
     return folder / "c.npz"
 
 
-def _element(kind: int, data: bytes) -> bytes:
+def _element(kind, data):
     return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
 
 
-def _nested_cells(folder: Path) -> Path:
+def _nested_cells(folder):
     head = (
         _element(6, struct.pack("<II", 1, 0))
         + _element(5, struct.pack("<ii", 1, 1))
@@ -65,8 +65,8 @@ def _nested_cells(folder: Path) -> Path:
     return _bytes(_MAT + body)(folder)
 
 
-def _changed(change: Callable[[dict], None]) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
+def _changed(change):
+    def write(folder):
         (path,) = sample("calibration/json", folder)
         tables = json.loads(path.read_text())
         change(tables)
@@ -76,7 +76,7 @@ def _changed(change: Callable[[dict], None]) -> Callable[[Path], Path]:
     return write
 
 
-def _opencv_fisheye(folder: Path) -> Path:
+def _opencv_fisheye(folder):
     """As cv2.fisheye.stereoCalibrate's results are saved; read as k1 k2 p1 p2 the second of these is 400 px off."""
     first, second = rig_of_two()
     lenses = {"D1": [-0.02, 0.011, -0.004, 0.0006], "D2": [-0.21, 1.96, -17.2, 50.9]}
@@ -86,8 +86,8 @@ def _opencv_fisheye(folder: Path) -> Path:
     return folder / "c.npz"
 
 
-def _far(unit: float) -> Callable[[dict], None]:
-    def change(tables: dict) -> None:
+def _far(unit):
+    def change(tables):
         for table in tables.values():
             table["t"] = [value * unit for value in table["t"]]
 

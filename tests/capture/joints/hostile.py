@@ -5,7 +5,6 @@ import os
 import pickle
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,23 +12,23 @@ from handtrack.capture.joints.joint_names import JOINTS
 from tests.capture.sample_files import sample
 
 
-def _text(text: str) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
+def _text(text):
+    def write(folder):
         (folder / "j.txt").write_text(text)
         return folder / "j.txt"
 
     return write
 
 
-def _empty_folder(folder: Path) -> Path:
+def _empty_folder(folder):
     (folder / "joints").mkdir()
     return folder / "joints"
 
 
-def _changed(form: str, change: Callable[[Any], object]) -> Callable[[Path], Path]:
+def _changed(form, change):
     """Return what writes a sample in HDF5 with something changed."""
 
-    def write(folder: Path) -> Path:
+    def write(folder):
         import h5py  # pyright: ignore[reportMissingImports]
 
         (path,) = sample(f"hands/{form}", folder)
@@ -40,20 +39,20 @@ def _changed(form: str, change: Callable[[Any], object]) -> Callable[[Path], Pat
     return write
 
 
-def _other_tracks(*shape: int, **options: object) -> Callable[[Path], Path]:
-    def change(file: Any) -> None:
+def _other_tracks(*shape, **options):
+    def change(file):
         del file["tracks"]
         file.create_dataset("tracks", shape, "f8", **options)
 
     return _changed("sleap_h5", change)
 
 
-def _pickled(file: Any) -> None:
+def _pickled(file):
     harm = pickle.dumps([(1, [_Harm()])], protocol=0)
     file["df_with_missing"].attrs["non_index_axes"] = np.bytes_(harm)
 
 
-def _cut_off(folder: Path) -> Path:
+def _cut_off(folder):
     (path,) = sample("hands/sleap_h5", folder)
     path.write_bytes(path.read_bytes()[:900])
     return path
