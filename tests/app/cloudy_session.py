@@ -6,12 +6,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack import Camera, CameraRig, PointCloud, load_model
+from handtrack import CameraRig, PointCloud, load_model
 from handtrack.arrays import Floats
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
+from tests.cameras import FACING, pinhole
 
 HAND, WALL = 1500, 400
 SKIN, GREY = (200, 140, 110), (120, 120, 120)
@@ -49,11 +50,8 @@ def start() -> Floats:
 def cloudy_session(folder: Path, frames: int = 3, more: str = "") -> Path:
     """Write the recording into a folder and return it. more: settings."""
     rng = np.random.default_rng(7)
-    matrix = np.array([[150.0, 0, 47.5], [0, 150.0, 35.5], [0, 0, 1.0]])
-    turned = np.diag([1.0, -1.0, -1.0])
     cameras = tuple(
-        Camera(f"cam{i}", (96, 72), matrix, np.zeros(5), turned, np.array([-0.06 * i, 0.09, 0.5]))
-        for i in range(2)
+        pinhole(f"cam{i}", (96, 72), 150.0, FACING, (-0.06 * i, 0.09, 0.5)) for i in range(2)
     )
     write_rig(folder / "calibration.toml", CameraRig(cameras))
     (folder / "session.toml").write_text(SETTINGS + more)

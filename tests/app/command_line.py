@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import NamedTuple
@@ -67,12 +68,10 @@ def small_recording(
     rig = (camera.scaled(SIZE) for camera in read_rig(source / "calibration.toml"))
     write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
     shutil.copyfile(source / "init.json", folder / "init.json")
-    settings = (source / "session.toml").read_text().replace('forearm = "auto"', "forearm = false")
-    lines = [line for line in settings.splitlines() if not line.startswith("images")]
-    (folder / "session.toml").write_text("\n".join(lines) + "\n" + more)
     with np.load(source / "truth.npz") as truth:
-        timed = {key: truth[key][: None if key == "joint_names" else frames] for key in truth.files}
-        np.savez(folder / "truth.npz", **timed)
+        np.savez(folder / "truth.npz", keypoints21=truth["keypoints21"][:frames])
+    settings = (source / "session.toml").read_text().replace('forearm = "auto"', "forearm = false")
+    (folder / "session.toml").write_text(re.sub("images = .*", "", settings) + more)
     return folder
 
 

@@ -11,7 +11,7 @@ from handtrack_app.cli import main
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.cloudy_session import cloudy_session
 from tests.app.command_line import CommandLine, small_recording
-from tests.app.desk import shown
+from tests.app.desk import shown, working
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import Browser, WireClient
@@ -93,6 +93,14 @@ def done(tracked, tmp_path):
 def session(recorded, tmp_path):
     """The small recording, which the test may change."""
     return Path(shutil.copytree(recorded, tmp_path / "session"))
+
+
+@pytest.fixture
+def cloudy_desk(tmp_path):
+    """A worker with a recording of three frames open that has clouds, and images without masks; and all that it says."""
+    worker, listener = working(cloudy_session(tmp_path))
+    yield worker, listener
+    worker.stop()
 
 
 @pytest.fixture

@@ -32,10 +32,10 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from handtrack_app.engine.document import Document
+from tests.cameras import pinhole
 from tests.sample_track import posed_frame
 
 FRAMES = 12
-MATRIX = np.array([[90.0, 0.0, 48.0], [0.0, 90.0, 36.0], [0.0, 0.0, 1.0]])
 SPOT = (41, 29)
 """the middle of a white square of 3 px in the front camera's dark images"""
 TURNS = {"front": [[1, 0, 0], [0, -1, 0], [0, 0, -1]], "side": [[0, 0, 1], [0, -1, 0], [1, 0, 0]]}
@@ -44,7 +44,7 @@ TURNS = {"front": [[1, 0, 0], [0, -1, 0], [0, 0, -1]], "side": [[0, 0, 1], [0, -
 def _camera(name: str) -> Camera:
     turn = np.array(TURNS[name], float)
     shift = np.array([0.0, 0.0, 0.45]) - turn @ (0.0, 0.09, 0.0)
-    return Camera(name, (96, 72), MATRIX, np.zeros(5), turn, shift)
+    return pinhole(name, (96, 72), 90.0, turn, shift, at=(48.0, 36.0))
 
 
 class FakeView(View):

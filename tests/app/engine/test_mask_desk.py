@@ -3,7 +3,6 @@
 import tomllib
 
 import numpy as np
-import pytest
 
 from handtrack import Session
 from handtrack.capture.masks.mask_correction import HAND, empty_layer, painted
@@ -19,14 +18,6 @@ from tests.session.small_session import edit, make_session
 SKIN = {"method": "skin_ycrcb"}
 X, Y = BOX[0] + BOX[2] // 2, BOX[1] + BOX[3] // 2
 """amid the skin, in cam0"""
-
-
-@pytest.fixture
-def desk(tmp_path):
-    """A worker with a recording of three frames open, whose cameras have images and no masks."""
-    worker, listener = working(cloudy_session(tmp_path))
-    yield worker, listener, tmp_path
-    worker.stop()
 
 
 def method(card, camera="cam0"):
@@ -50,8 +41,8 @@ def file_of(folder, frame=0):
     return folder / "masks_corrected" / "cam0" / f"{frame:06d}.png"
 
 
-def test_a_method_is_tried_over_all_cameras_at_once(desk):
-    worker, listener, folder = desk
+def test_a_method_is_tried_over_all_cameras_at_once(cloudy_desk, tmp_path):
+    (worker, listener), folder = cloudy_desk, tmp_path
     first = listener.wait(snapshots.SessionSnapshot).masks
     assert [method(first, c.name) for c in first.cameras] == ["none", "none"]
     assert "skin_ycrcb" in first.cameras[0].possible
@@ -73,8 +64,8 @@ def test_a_method_is_tried_over_all_cameras_at_once(desk):
     assert (folder / "session.toml").read_text() == SETTINGS
 
 
-def test_what_is_tried_is_saved_and_taken_back(desk):
-    worker, listener, folder = desk
+def test_what_is_tried_is_saved_and_taken_back(cloudy_desk, tmp_path):
+    (worker, listener), folder = cloudy_desk, tmp_path
     worker.engine.set_masks("", SKIN)
     worker.engine.set_masks("cam1", {"roi": (10, 5, 60, 50)})
     worker.engine.set_masks("cam0", {"cr": (140, 170)})
@@ -100,8 +91,8 @@ def test_what_is_tried_is_saved_and_taken_back(desk):
     assert len(versions(folder / "session.toml")) == 2
 
 
-def test_a_stroke_becomes_a_file_and_is_undone(desk):
-    worker, listener, folder = desk
+def test_a_stroke_becomes_a_file_and_is_undone(cloudy_desk, tmp_path):
+    (worker, listener), folder = cloudy_desk, tmp_path
     worker.engine.set_masks("", SKIN)
     worker.engine.save_masks()
     worker.engine.want_masks(True)

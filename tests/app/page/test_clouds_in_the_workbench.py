@@ -16,16 +16,8 @@ from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 
-@pytest.fixture
-def desk(tmp_path):
-    """A worker with the recording open; its clouds are wanted."""
-    worker, listener = working(cloudy_session(tmp_path))
-    yield worker, listener
-    worker.stop()
-
-
-def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk):
-    worker, listener = desk
+def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(cloudy_desk):
+    worker, listener = cloudy_desk
     worker.engine.want_cloud(snapshots.CloudSelection(points=True))
     cloud = listener.wait(snapshots.CloudSnapshot)
     document = worker.document
@@ -39,8 +31,8 @@ def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk):
     assert (cloud.colors == np.uint8(SKIN)).all()
 
 
-def test_the_energys_parts_are_on_the_timeline(desk):
-    worker, listener = desk
+def test_the_energys_parts_are_on_the_timeline(cloudy_desk):
+    worker, listener = cloudy_desk
     worker.engine.track(0, 2, 0)
     listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
     strip = [s for s in listener.seen if isinstance(s, snapshots.TimelineSnapshot)][-1]

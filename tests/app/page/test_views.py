@@ -9,7 +9,6 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose
 
-from handtrack import Camera
 from handtrack.geometry.rotation import looking_along, rotation_matrix
 from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up
@@ -30,20 +29,19 @@ from handtrack_app.page.scene.zoom import (
 )
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
+from tests.cameras import pinhole
 
 WINDOWS = [(1280, 700), (620, 800), (944, 640), (300, 900)]
-MATRIX = np.array([[610.0, 0, 300.5], [0, 645.0, 260.25], [0, 0, 1.0]])  # off-centre, fx ≠ fy
 TURN = rotation_matrix(np.array([0.4, -1.3, 0.8]))
 """camera → world"""
-CARD = Camera(
-    "cam0", (640, 480), MATRIX, np.zeros(5), TURN.T, -TURN.T @ np.array([0.3, -1.2, 2.0])
-)  # fmt: skip
+CARD = pinhole(
+    "cam0", (640, 480), (610.0, 645.0), TURN.T, -TURN.T @ (0.3, -1.2, 2.0), at=(300.5, 260.25)
+)
 
 
 def by_opencv(points):
-    world_to_camera = TURN.T
-    turn, _ = cv2.Rodrigues(world_to_camera)
-    pixels, _ = cv2.projectPoints(points, turn, -world_to_camera @ CARD.centre, MATRIX, np.zeros(5))
+    turn, _ = cv2.Rodrigues(CARD.rotation)
+    pixels, _ = cv2.projectPoints(points, turn, CARD.translation, CARD.matrix, np.zeros(5))
     return pixels[:, 0]
 
 
@@ -67,10 +65,7 @@ def on_picture(pixel, depth):
 def test_model_and_picture_meet_at_the_pixel_that_opencv_has(window, times, rng):
     seen = rng.uniform((0, 0), CARD.size, (50, 2))
     depths = rng.uniform(0.3, 0.9, 50)
-    hand = np.array([
-        CARD.centre + depth * TURN @ np.linalg.solve(MATRIX, [*pixel, 1.0])
-        for pixel, depth in zip(seen, depths, strict=True)
-    ])  # fmt: skip
+    hand = CARD.centre + depths[:, None] * CARD.rays(seen)
     zoom = Zoom((rng.uniform(0, 639), rng.uniform(0, 479)), times)
     for point, pixel in zip(hand, by_opencv(hand), strict=True):
         drawn = in_window(zoom, window, point)
