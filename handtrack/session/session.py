@@ -45,14 +45,14 @@ from handtrack.session.session_file import (
     read_session_file,
 )
 from handtrack.session.session_state import CameraCorrection, readable
-from handtrack.session.sources.cache_limits import (
+from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
+from handtrack.session.sources.clouds import CloudSource, cloud_source
+from handtrack.session.sources.kept_observations import (
     LEAST_KEPT,
     KeptObservation,
     most_clouds,
     most_observations,
 )
-from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
-from handtrack.session.sources.clouds import CloudSource, cloud_source
 from handtrack.session.sources.session_pins import SessionPins
 from handtrack.session.sources.views import MaskChoice, View, scaled_camera
 from handtrack.store.store import Store

@@ -1,4 +1,4 @@
-"""How much of what was read of a session is cached, and masks and observations small enough for it."""
+"""Observations and masks as they are kept in memory, small enough for a long recording, and how many of them."""
 
 from __future__ import annotations
 
