@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -132,15 +132,16 @@ class FakeRun(TrackingRun):
             if changed is None or min(abs(result.frame - k) for k in changed) <= 1:
                 joint = result.parameters.copy()
                 joint[bend] += self.refined_by
-                bones = self.model.bones(self.model.transform.solver_params(joint))
-                places = self.model.joint_positions(bones)
-                result = replace(result, parameters=joint, joint_positions=places)
+                result = self._posed(result.frame, joint)
             found.append(result)
         return found
 
     def _result(self, frame, params, first):
         joint = self.model.joint_params(params)
         joint[6:] = np.clip(joint[6:] + 0.02 * (frame - first), *self.model.limits.interval[6:].T)
+        return self._posed(frame, joint)
+
+    def _posed(self, frame, joint):
         more = {"status": Status.DOUBTFUL if frame == 7 else Status.TRACKED, "energy": float(frame)}
         return posed_frame(self.model, frame, joint, self.session.fps, **more)
 

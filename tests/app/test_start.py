@@ -99,7 +99,7 @@ def test_a_recording_is_made_in_the_browser(start, folder, tmp_path):
         client.set_value(start.tracked, "left hand")
         client.set_value(start.masks, "none")
         client.set_value(start.make, True)
-        eventually(lambda: start.chosen is not None)
+        eventually(lambda: start.chosen)
     made = Session.open(tmp_path / "my take_handtrack")
     assert start.wait() == made.folder
     assert made.file.hand.side == "left" and made.frame_count == 100
@@ -111,7 +111,7 @@ def test_recordings_are_cards_with_pictures_and_an_example_opens(start):
         eventually(lambda: said().count("class='handtrack-card'") >= len(bundled_names()))
         eventually(lambda: "image/jpeg" in said())
         client.press("Open another_hand")
-        eventually(lambda: start.chosen is not None)
+        eventually(lambda: start.chosen)
     assert start.wait() == bundled_session("another_hand")
 
 

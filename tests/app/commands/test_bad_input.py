@@ -224,22 +224,14 @@ _CAP_DAC_OVERRIDE = 1
 resource = pytest.importorskip("resource", reason="this system has no such limits")
 
 
-@contextmanager
-def no_more_files():
-    """Let this process open no file any more."""
-    before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    free = os.dup(0)
+def test_c61_too_many_open_files_are_told_and_no_misses(handtrack, session):
+    before, free = resource.getrlimit(resource.RLIMIT_NOFILE), os.dup(0)
     os.close(free)
     resource.setrlimit(resource.RLIMIT_NOFILE, (free, before[1]))
     try:
-        yield
+        ended = handtrack("track", session)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
-
-
-def test_c61_too_many_open_files_are_told_and_no_misses(handtrack, session):
-    with no_more_files():
-        ended = handtrack("track", session)
     assert ended.code == 2
     contains(ended.err, "Too many open files", "ulimit -n")
 

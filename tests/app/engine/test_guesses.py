@@ -121,7 +121,7 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(bench):
     store.end_take(finished=True)
     bench.go_to(4)
     panel, ghosts = bench.layout.guesses, bench.stage.ghosts
-    eventually(lambda: panel.guesses is not None and ghosts.bones.visible)
+    eventually(lambda: panel.guesses and ghosts.bones.visible)
     count = len(model.skeleton.bone_names)
     bones = model.bones(other)
     assert_allclose(ghosts.bones.batched_positions[count:], bones.position, atol=1e-6)

@@ -16,7 +16,7 @@ from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.cloudy_session import cloudy_session
-from tests.app.desk import EngineInThreads, Listener, in_threads, shown
+from tests.app.desk import EngineInThreads, Listener, in_threads, shown, working
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.session.small_session import edit, keypoints, make_session
@@ -97,9 +97,7 @@ def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
         return audited(video)
 
     monkeypatch.setattr(video_audits.VideoFile, "audited", waiting)
-    listener = Listener()
-    worker = EngineInThreads(EnginePlan(tmp_path, preview=False), listener.publish)
-    worker.start()
+    worker, listener = working(tmp_path)
     assert listener.wait(snapshots.SessionSnapshot).stop == ANNOUNCED
     may_count.set()
     told = listener.told("can be decoded")

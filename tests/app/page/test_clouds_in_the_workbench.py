@@ -99,7 +99,7 @@ def test_another_model_takes_the_hands_place(cloudy):
             cloudy.engine.set_setting("model.name", name)
             eventually(
                 lambda bones=bones: (
-                    cloudy.stage.hand is not None and len(cloudy.stage.hand.bone_length) == bones
+                    cloudy.stage.hand and len(cloudy.stage.hand.bone_length) == bones
                 ),
                 f"{name} has its bones",
             )

@@ -79,9 +79,9 @@ class Witness:
                 grey = round(float(np.median(screen.image.image)) / 10)  # as the fake camera has it
                 self.wrong += [f"behind the hand of {frame}: {grey}"] * (grey != frame)
                 self.pictures += 1
-        for frustum in (stage.cameras.frusta["front"],):
-            if frustum.image is not None and stage.cameras.frame != frame:
-                self.wrong.append(f"small, beside {frame}: {stage.cameras.frame}")
+        small = stage.cameras.frusta["front"].image
+        if small is not None and stage.cameras.frame != frame:
+            self.wrong.append(f"small, beside {frame}: {stage.cameras.frame}")
 
     def at_rest(self):
         """Sliders, gizmo, numbers beside the lanes, and what is said of the frame are those of the pose on the card."""
@@ -95,9 +95,8 @@ class Witness:
                 assert slider.value == pytest.approx(shown, abs=0.11), name
         np.testing.assert_allclose(bench.stage.root.control.position, pose.values[:3], atol=1e-6)
         timeline = bench.layout.timeline
-        assert timeline.slider is not None and timeline.slider.value == pose.frame
+        assert timeline.slider.value == pose.frame
         assert timeline.cursor.content == cursor_picture(timeline._lanes, pose.frame, pose)
-        assert f"Frame {pose.frame}<" in panel.card.content
 
 
 @pytest.fixture
@@ -135,11 +134,11 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
     bench.engine.cancel()
     eventually(lambda: bench.layout.tracking.progress.state == "idle")
     bench.page.go_to(4)
-    eventually(lambda: bench.stage.pose is not None and bench.stage.pose.frame == 4)
+    eventually(lambda: bench.stage.pose.frame == 4)
 
     def pictured():
         screen = bench.stage.looking._screens.get(page.number)
-        return screen is not None and screen.image.visible and screen.frame == 4
+        return screen and screen.image.visible and screen.frame == 4
 
     eventually(pictured)
     assert len(set(sees.frames_of_the_page())) > 3 and sees.pictures
@@ -150,7 +149,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
 def test_a_picture_of_a_frame_that_was_left_is_not_shown(bench, page):
     page.press("Camera view: front")
     of_page = lambda: bench.stage.looking._screens.get(page.number)  # noqa: E731
-    eventually(lambda: of_page() is not None and of_page().image.visible)
+    eventually(lambda: of_page() and of_page().image.visible)
     screen = of_page()
     bench.stage.moments.show(screen.frame + 1)
     black = np.zeros((72, 96, 3), np.uint8)

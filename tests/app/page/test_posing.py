@@ -16,7 +16,6 @@ from tests.app.waiting import eventually
 
 
 def _pose(bench):
-    assert bench.stage.pose is not None
     return bench.stage.pose
 
 
@@ -87,7 +86,7 @@ def test_space_flips_and_all_of_the_page_says_so(bench, page):
 def test_a_pose_is_copied_and_pasted_by_keys(bench, page):
     bench.engine.take_pose(3, "point", bench.state.begin_edit())
     panel = bench.layout.pose  # what it shows is copied
-    eventually(lambda: panel.pose is not None and panel.pose.origin == "set")
+    eventually(lambda: panel.pose and panel.pose.origin == "set")
     point = _pose(bench)
     page.press("Copy the pose")
     eventually(lambda: "frame 3" in panel.copied_from.content)
@@ -159,11 +158,11 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(be
     tip = pose.joints[session.joint_names.index("index_tip")]
     aim = tip + 0.02 * page.view.card.rotation[0]
     page.drag("/grips/flesh", tip, aim, part=_ellipsoid(session, "index_distal"))
-    eventually(lambda: bench.stage.pose and bench.stage.pose.pins)
+    eventually(lambda: bench.stage.pose.pins)
 
     def follows():
         now = bench.stage.pose
-        if now is None or not now.pins or now.pins[0].off_px >= 0.5:
+        if not now.pins or now.pins[0].off_px >= 0.5:
             return False
         moved = now.joints[session.joint_names.index("index_tip")] - tip
         return np.linalg.norm(moved) > 0.015
@@ -173,7 +172,7 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(be
     (pin,) = bench.stage.pose.pins
     assert (pin.camera, pin.words) == ("front", "index tip")
     page.press("Drop the last pin")
-    eventually(lambda: bench.stage.pose is not None and not bench.stage.pose.pins)
+    eventually(lambda: not bench.stage.pose.pins)
     page.press("Orbit view")
     eventually(lambda: page.number not in grips._grips, "free views turn by a drag")
 

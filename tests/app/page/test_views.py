@@ -168,8 +168,8 @@ def test_a_page_sees_all_cameras_until_it_looks_elsewhere(bench, page):
         ("front", CLOSE), ("side", CLOSE),
     }  # fmt: skip
     page.press("Camera view: side")
-    eventually(lambda: page.view is not None)
-    assert page.view is not None and page.view.card.name == "side"
+    eventually(lambda: page.view)
+    assert page.view.card.name == "side"
     assert page.number not in close_ups._opened
     eventually(lambda: CLOSE not in str(bench.stage.wanted()["want_pictures"]))
 
@@ -205,7 +205,7 @@ def test_the_wheel_enlarges_and_nothing_is_counted_twice(bench, page):
             == pytest.approx(np.tan(fov / 2) * 0.95**12, rel=1e-3)
         )
     )
-    assert page.view is not None and not page.view.follows and not page.view.left
+    assert not page.view.follows and not page.view.left
 
 
 def test_an_answer_to_what_it_was_told_before_undoes_nothing(bench, monkeypatch, page):
@@ -226,19 +226,19 @@ def test_who_walks_out_is_told_and_one_key_leads_back(bench, monkeypatch, wire, 
     page.press("Camera view: front")
     page.obey()
     page.tell(page.centre + 0.05, page.target + 0.05)
-    eventually(lambda: page.view is not None and page.view.left)
+    eventually(lambda: page.view.left)
     eventually(lambda: "You left front" in str(wire.messages))
     page.press("View: the hand, and back into the camera")
-    eventually(lambda: page.view is not None and not page.view.left)
+    eventually(lambda: not page.view.left)
     page.obey()
-    assert page.view is not None and page.view.follows
+    assert page.view.follows
 
 
 def test_a_window_of_another_shape_shows_the_hand_as_well(bench, page):
     page.press("Camera view: front")
     page.obey()
     page.obey(width=300)
-    eventually(lambda: page.view is not None and page.view.aspect == 0.5)
+    eventually(lambda: page.view.aspect == 0.5)
     assert page.view.follows
     eventually(lambda: page.told("SetCameraFovMessage") == pytest.approx(page.view.eye.fov))
 
