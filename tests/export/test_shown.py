@@ -1,8 +1,6 @@
 """What is looked at: a page that plays, a report, a film over the images. Opened by other programs, without network."""
 
-import os
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +8,10 @@ import pytest
 from handtrack import Session, TrackingRun, bundled_session
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
+from tests.experiments.workbench.chromium import chromium, there_is_one
 from tests.export.foreign import library
 from tests.export.sequences import sample_sequence
 from tests.sample_track import posed_frame
-
-CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
-FLAGS = ["--no-sandbox", "--disable-background-networking", "--disable-component-update"]
 
 
 def test_a_film_has_a_picture_a_frame_by_another_programs_count(tmp_path):
@@ -47,41 +43,24 @@ def _moved_a_little(folder, count):
 
 
 @pytest.mark.browser
-@pytest.mark.skipif(not Path(CHROMIUM).exists(), reason="no Chromium here")
-def test_pages_play_without_network_and_without_an_error(tmp_path):
-    sync_api = pytest.importorskip("playwright.sync_api")
-    said = []
-    with sync_api.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
-        context = browser.new_context(offline=True)
-        context.set_default_timeout(60_000)
-        for kind in ("left", "claw"):
-            table = ResultsTable(sample_sequence(kind)[1])
-            page = context.new_page()
-            page.on("console", lambda message: said.append(message.text))
-            page.on("pageerror", lambda error: said.append(str(error)))
-            page.on(
-                "request",
-                lambda request: (
-                    said.append(request.url) if request.url.startswith("http") else None
-                ),
-            )
-            (path,) = export_format("html").write(tmp_path / f"{kind}.html", table)
-            page.goto(path.as_uri())
-            before = page.locator("#view").screenshot()
-            assert "frame 3, 0.060 s, tracked" in page.locator("#say").inner_text()
-            for _ in range(5):
-                page.keyboard.press("ArrowRight")
-            page.wait_for_function("document.getElementById('say').textContent.includes('frame 8')")
-            assert "lost: " in page.locator("#say").inner_text()
-            assert page.locator("#view").screenshot() != before
-            page.locator("#play").click()
-            page.wait_for_function(
-                "document.getElementById('say').textContent.includes('frame 26')"
-            )
-            (path,) = export_format("report").write(tmp_path / f"{kind}_report.html", table)
-            page.goto(path.as_uri())
-            assert page.locator("svg").count() >= 5
-            page.close()
-        browser.close()
-    assert said == []
+@pytest.mark.skipif(not there_is_one(), reason="no Chromium here")
+@pytest.mark.parametrize("kind", ["left", "claw"])
+def test_pages_play_without_network_and_without_an_error(kind, tmp_path):
+    pytest.importorskip("playwright.sync_api")
+    table = ResultsTable(sample_sequence(kind)[1])
+    with chromium((1280, 720)) as (page, errors):
+        (path,) = export_format("html").write(tmp_path / "poses.html", table)
+        page.goto(path.as_uri())
+        before, say = page.locator("#view").screenshot(), page.locator("#say")
+        assert "frame 3, 0.060 s, tracked" in say.inner_text()
+        for _ in range(5):
+            page.keyboard.press("ArrowRight")
+        page.wait_for_function("document.getElementById('say').textContent.includes('frame 8')")
+        assert "lost: " in say.inner_text()
+        assert page.locator("#view").screenshot() != before
+        page.locator("#play").click()
+        page.wait_for_function("document.getElementById('say').textContent.includes('frame 26')")
+        (path,) = export_format("report").write(tmp_path / "report.html", table)
+        page.goto(path.as_uri())
+        assert page.locator("svg").count() >= 5
+    assert errors == []

@@ -74,5 +74,5 @@ def _hear(said: Any, errors: list[str]) -> None:
 
 def _on_this_machine(route: Any) -> None:
     url = route.request.url
-    own = "127.0.0.1" in url or url.startswith(("blob:", "data:"))
+    own = "127.0.0.1" in url or url.startswith(("blob:", "data:", "file:"))
     route.continue_() if own else route.abort()
