@@ -29,6 +29,7 @@ from tests.session.small_session import (
     write_init,
     write_truth,
 )
+from tests.tracking.scenes import QUICK
 from tests.tracking.test_shared_cameras import TRUTH as WAVING
 
 
@@ -325,7 +326,7 @@ def test_a_sound_calibration_is_left_alone(tmp_path, cameras):
 
 def tracked(folder, use):
     """Return what is said after tracking, and the run."""
-    run = TrackingRun.open(Session.open(folder), QUICK | use)
+    run = TrackingRun.open(Session.open(folder), QUICK | {"model.fit_size": "false"} | use)
     tracked = {r.frame: r for r in run.track(run.session.frame_range, *run.initial())}
     results = [tracked[frame] for frame in sorted(tracked)]
     (folder / POSES_FILE).parent.mkdir(exist_ok=True)
@@ -334,11 +335,6 @@ def tracked(folder, use):
 
 
 LENS = [-0.014, 1.42, 0.0, 0.0, -6.39]  # a real camera's
-QUICK = {
-    "model.fit_size": "false",
-    "tracker.escape": False,
-    "tracker.recovery": False,
-}
 JOINTS_ALONE = {"silhouettes.weight": 0}
 
 

@@ -33,6 +33,7 @@ from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.tables.track_model import model_of
 from tests.experiments.scenes.simulated_clouds import Sensor, depth_views
+from tests.tracking.scenes import QUICK
 from tests.tracking.test_shared_cameras import camera_at, waving_poses
 
 
@@ -76,7 +77,7 @@ def test_all_frames_say_whether_there_is_an_arm(tmp_path, arm):
     assert len(masks) == 3
     for mask in masks:
         mask.write_bytes((made[not arm] / mask.relative_to(made[arm])).read_bytes())
-    quick = {"tracker.escape": False, "tracker.recovery": False, "tracker.estimate": "forward"}
+    quick = QUICK | {"tracker.estimate": "forward"}
     run = TrackingRun.open(Session.open(made[arm]), quick)
     assert run.forearm is not arm
     found = list(run.track(range(5), *run.initial()))

@@ -9,6 +9,11 @@ from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.terms.clouds.cloud_emptiness import seen_from
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.sequence import track_frames
+
+QUICK = {"tracker.escape": False, "tracker.recovery": False}
+"""settings of tracking that looks for nothing"""
 
 
 def posed(model, pose, turn=(0.0, 0.0, 0.0)):
@@ -45,6 +50,12 @@ def inside_stated(result, model, params):
     off = result.joint_positions - model.joint_positions(model.bones(params))
     squared = np.einsum("ji,jik,jk->j", off, np.linalg.inv(result.joint_covariance), off)
     return squared < chi2(3).ppf(0.9)
+
+
+def followed(tracker, seen, start, control=Control()):
+    """Return the results of all frames, from the first one on; seen: what is seen in each."""
+    numbers = range(len(seen))
+    return list(track_frames(tracker, lambda n, *_: seen[n], 0, start, numbers, control))
 
 
 def off_mm(result, model, params):

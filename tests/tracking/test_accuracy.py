@@ -11,6 +11,7 @@ from handtrack.session.formats.truth import Truth
 from tests.app.command_line import small_recording
 from tests.benchmarks.desk_two_view import compare
 from tests.session.small_session import edit
+from tests.tracking.scenes import QUICK
 
 
 def scores(track, truth):
@@ -20,8 +21,6 @@ def scores(track, truth):
 
 
 LIVE = {"tracker.estimate": "forward"}
-QUICK = {"tracker.escape": False, "tracker.recovery": False}
-"""no searches: here they change the errors by hundredths of a millimetre"""
 
 
 @pytest.fixture(scope="module")

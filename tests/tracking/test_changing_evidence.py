@@ -25,7 +25,7 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.cloud_terms import see_cloud
 from handtrack.tracking.search.initialize import fit_keypoints
 from handtrack.tracking.sequence import track_frames
-from tests.tracking.scenes import inside_stated, on_surface
+from tests.tracking.scenes import followed, inside_stated, on_surface
 
 MODEL = load_model()
 EYE = np.array([0.0, 0.0, -0.5])
@@ -69,10 +69,7 @@ def seen(frame, others=NOTHING):
 
 
 def tracked(observations):
-    path = track_frames(
-        Tracker(MODEL), lambda f, *_: observations[f], 0, pose(0), range(len(observations))
-    )
-    return list(path)
+    return followed(Tracker(MODEL), observations, pose(0))
 
 
 def errors_m(result):

@@ -12,8 +12,8 @@ from handtrack.simulation.motion import motion
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import agreement, cloud_terms, see_cloud
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
-from handtrack.tracking.sequence import track_frames
 from tests.experiments.scenes.simulated_clouds import DIGICLOPS, FINE, Sensor, depth_views
+from tests.tracking.scenes import QUICK, followed
 
 MODEL = load_model()
 FRAMES = 5
@@ -27,8 +27,7 @@ def views(sensor):
 
 def tracked(seen, model=MODEL, **settings):
     tracker = Tracker(model, TrackerSettings().with_values(settings))
-    start = MODEL.transform.solver_params(TRUTH[0])
-    return list(track_frames(tracker, lambda f, *_: seen[f], 0, start, range(len(seen))))
+    return followed(tracker, seen, MODEL.transform.solver_params(TRUTH[0]))
 
 
 def palm_mm(result, joint):
@@ -132,11 +131,9 @@ def test_a_doubt_begins_below_one_bound_and_ends_above_a_higher_one():
     assert agreed(POOR) < 0.78
     clouds = [WHOLE, FAIR, POOR, FAIR, WHOLE, FAIR]
     seen = [cloud(missing, frame) for frame, missing in enumerate(clouds)]
-    quick = {"tracker.escape": False, "tracker.recovery": False, "solver.iterations": 6}
-    tracker = Tracker(MODEL, TrackerSettings().with_values(quick))
+    settings = TrackerSettings().with_values(QUICK | {"solver.iterations": 6})
     told = []
     control = Control(on_search=told.append)
-    path = track_frames(tracker, lambda f, *_: seen[f], 0, POSE, range(len(seen)), control)
-    results = list(path)
+    results = followed(Tracker(MODEL, settings), seen, POSE, control)
     assert [r.poor_cloud for r in results] == [False, False, True, True, False, False]
     assert [(r.frame, r.winner is not None) for r in told] == [(2, True), (3, True), (4, False)]

@@ -31,10 +31,10 @@ from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
-from tests.tracking.scenes import on_surface
+from tests.tracking.scenes import QUICK, on_surface
 
 HAND, WHOLE = load_model(), load_model(forearm=True)
-QUICK = TrackerSettings().with_values({"tracker.escape": False, "tracker.recovery": False})
+UNSEARCHED = TrackerSettings().with_values(QUICK)
 
 
 def near_pair():
@@ -104,7 +104,7 @@ def test_an_arm_in_a_cloud_does_not_pull_a_hand_alone():
     for points in (alone, np.concatenate([alone, arm])):
         cloud = PointCloud(points)
         seen = Observation(0, 0.0, cloud=cloud, cloud_views=(np.array([[0.0, 0.0, 0.6]]),))
-        _, result = Tracker(HAND, QUICK).step(TrackerState.beginning_at(start), seen)
+        _, result = Tracker(HAND, UNSEARCHED).step(TrackerState.beginning_at(start), seen)
         found.append(result.joint_positions)
     moved = np.linalg.norm(found[1] - found[0], axis=1).mean()
     assert moved < 5e-4  # measured 0.1 mm; 1.2 where points behind the wrist counted
@@ -127,7 +127,7 @@ def test_where_the_arm_ends_is_found_with_all_frames_of_a_known_person_too(forea
     ]
     who = OpenPerson(lambda scale: load_model(scale=scale, forearm=forearm), sizes=False)
     control = Control(on_shared=told.append)
-    found = refine(Recording(model, QUICK, lambda f, _: seen[f], control, who=who), live)
+    found = refine(Recording(model, UNSEARCHED, lambda f, _: seen[f], control, who=who), live)
     scale = Refinement.read(told[0]).scale
     assert scale.proportions[FOREARM_END] == pytest.approx(1.3, abs=0.25)
     assert scale.overall == 1.0
@@ -143,8 +143,8 @@ def test_a_forearm_that_points_elsewhere_is_found(true, began):
     """A hand that stands right vouches for its fingers, not for the arm: descent leaves that bent to the other side."""
     truth, start = (WHOLE.transform.solver_params(posed(*wrist)) for wrist in (true, began))
     seen = mask_views(WHOLE, truth, simulated_rig(3, (320, 240)).cameras)
-    terms = frame_terms(WHOLE, QUICK, seen, WHOLE.bones(start), None)
-    stuck = descend(WHOLE, QUICK.solver, terms, start)[0].params
+    terms = frame_terms(WHOLE, UNSEARCHED, seen, WHOLE.bones(start), None)
+    stuck = descend(WHOLE, UNSEARCHED.solver, terms, start)[0].params
     found = with_fingers_found(terms, stuck, Control(), 0, "a test")
     wrist = [WHOLE.transform.names.index(name) for name in ("wrist_flex", "wrist_abd")]
     assert np.abs(stuck - truth)[wrist].max() > 0.5

@@ -23,11 +23,10 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
-from handtrack.tracking.sequence import track_frames
 from tests.experiments.scenes.closing_fist import scene
 from tests.model.metaballs_reference import merged
 from tests.terms.conic_field_reference import dense_field
-from tests.tracking.scenes import off_mm, on_surface
+from tests.tracking.scenes import followed, off_mm, on_surface
 
 HAND, BALL = load_model(), load_model("ball6")
 
@@ -154,7 +153,7 @@ def test_the_long_tailed_bell_is_cauchys_along_each_axis(rng):
 def test_the_2007_method_follows_a_closing_hand(fist):
     start = fist.model.transform.solver_params(fist.joint_params[0])
     tracker = Tracker(fist.model, settings("paper2007"))
-    found = list(track_frames(tracker, lambda f, *_: fist.observations[f], 0, start, range(5)))
+    found = followed(tracker, fist.observations, start)
     off = np.stack([r.joint_positions for r in found]) - fist.joints
     assert (
         1e3 * np.linalg.norm(off, axis=2).mean() < 8.0

@@ -23,7 +23,7 @@ from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.cameras import pinhole
 from tests.derivatives import check_observation_term
-from tests.tracking.scenes import on_surface
+from tests.tracking.scenes import QUICK, on_surface
 
 HAND = load_model("hand26")
 BENT = np.array(["_mcp_flex" in n or "_pip_flex" in n for n in HAND.parameter_names])
@@ -195,8 +195,7 @@ def cloud_errors_mm(rng, later, told):
         by = later if told else 0.0
         return Observation(frame, frame / FPS, cloud=clouds[frame], cloud_later=by)
 
-    quick = {"tracker.escape": False, "tracker.recovery": False}
-    settings, start = TrackerSettings().with_values(quick), poses_at(frames[:1])[0]
+    settings, start = TrackerSettings().with_values(QUICK), poses_at(frames[:1])[0]
     found = list(track_frames(Tracker(HAND, settings), observe, 0, start, range(len(frames))))
     both = found, refine(Recording(HAND, settings, observe), found)
     truth = points_of(poses_at(frames))[4:-1]
