@@ -64,8 +64,8 @@ def residual_picture(
         )
         cv2.drawContours(picture, lines, -1, OUTLINE, 2)
         x, y, _, _ = cv2.boundingRect(lines[0])
-        words, size = f"unexplained {area * (1e3 / scale) ** 2:.0f} sq mm", max(mask.shape) / 1600
-        for colour, thick in (((0, 0, 0), 2), (OUTLINE, 1)):
+        words, size = f"{area * (1e3 / scale) ** 2:.0f} sq mm", max(mask.shape) / 1000
+        for colour, thick in (((0, 0, 0), 4), (OUTLINE, 1)):
             cv2.putText(
                 picture,
                 words,
