@@ -28,6 +28,8 @@ os.environ.pop("PIP_FIND_LINKS", None)
 import numpy as np
 import pytest
 
+from handtrack.errors import HandtrackError
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
@@ -40,8 +42,9 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """The shared recordings (contracts §6); tests that need them skip where they are absent."""
-    chosen = os.environ.get("HANDTRACK_DATA")
-    folder = Path(chosen) if chosen else REPOSITORY.parent / "shared" / "data"
-    if not folder.is_dir():
-        pytest.skip(f"no shared test data at {folder}; HANDTRACK_DATA can name another folder")
-    return folder
+    from handtrack.bench.measuring import data_folder
+
+    try:
+        return data_folder()
+    except HandtrackError as nothing:
+        pytest.skip(str(nothing))

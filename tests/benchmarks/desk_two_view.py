@@ -5,7 +5,6 @@ Without SESSION, whose masks are compared, it is the one found through HANDTRACK
 """
 
 import json
-import os
 import sys
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import cv2
 import numpy as np
 
 from handtrack import Session, TrackResult, read_npz
+from handtrack.bench.measuring import data_folder
 from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.simulation.render import pixel_rays, render_mask
 from handtrack.tracking.frame.tables.track_model import model_of
@@ -96,13 +96,11 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
     hand = model.flesh["fine"]
     if model.has_forearm:
         hand = hand.subset(hand.bone != model.skeleton.bone("forearm"))
-    rows = {int(frame): i for i, frame in enumerate(track.frame)}
     rays = {camera.name: pixel_rays(camera) for camera in session.rig.cameras}
     errors, overlaps, outlined = [], [], []
-    names = [str(name) for name in track.joint_names]
     marked, drawn_by_eye = read_marks(), read_outlines()
-    for frame, i in rows.items():
-        bones = model.bones(model.transform.solver_params(track.parameters[i]))
+    for result in track.frames():
+        frame, bones = result.frame, model.bones(model.transform.solver_params(result.parameters))
         for name, polygon in drawn_by_eye.get(frame, {}).items():
             flesh = model.flesh["fine"].posed(bones)  # with its forearm: both are cut at the wrist
             seen = render_mask(session.rig[name], flesh, rays[name]) > 0
@@ -112,7 +110,7 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
             marks = dict(views.get(camera.name, {}))
             cut = marks.pop("wrist_cut", None)
             for name, (x, y, *_) in marks.items():
-                seen = camera.project(track.joint_positions[i, names.index(name)])
+                seen = camera.project(result.joint_positions[track.joint_names.index(name)])
                 errors.append(float(np.hypot(*(seen - (x, y)))))
             mask, unknown = session.mask(camera.name, frame), session.view(camera.name).unknown
             if cut is None or mask is None or not marks:
@@ -137,9 +135,8 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
 
 
 def main() -> None:
-    data = Path(os.environ.get("HANDTRACK_DATA", Path(__file__).parents[3] / "shared" / "data"))
     poses, *other = (word for word in sys.argv[1:] if word != "--json")
-    session = Session.open(other[0] if other else data / "sessions" / "desk_two_view")
+    session = Session.open(other[0] if other else data_folder() / "sessions" / "desk_two_view")
     figures = mask_figures(session) if poses == "-" else compare(read_npz(Path(poses)), session)
     print(json.dumps(figures))
 

@@ -13,11 +13,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from handtrack.bench.measuring import data_folder
 from handtrack.session.bundled import bundled_session
 from handtrack.simulation.simulate import Simulation, simulate
 from tests.conftest import REPOSITORY
-
-DATA = Path(os.environ.get("HANDTRACK_DATA") or REPOSITORY.parent / "shared" / "data")
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def copied(name: str) -> Callable[[Path], Path]:
 
 def shared(name: str) -> Callable[[Path], Path]:
     """Return a case's recording: a copy of one of the shared ones."""
-    return lambda folder: Path(shutil.copytree(DATA / "sessions" / name, folder))
+    return lambda folder: Path(shutil.copytree(data_folder() / "sessions" / name, folder))
 
 
 def poor_depth(folder: Path) -> Path:

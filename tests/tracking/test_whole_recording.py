@@ -177,7 +177,13 @@ def _fist(errs):
     points = points_of(poses)
     points[:, OUTER] += errs
     observe, live = _followed_while(np.isnan(points[:, :, 0]), poses, points)
-    return observe, poses, refine(Recording(HAND, Tracker(HAND).settings, observe), live)
+    return observe, poses, refine(Recording(HAND, TrackerSettings(), observe), live)
+
+
+def _corrected(observe, frames, at, poses, control=Control()):
+    """Return the frames that change where one of them is set right."""
+    recording = Recording(HAND, TrackerSettings(), observe, control, {at: poses[at]})
+    return refine_near(recording, frames, [at])
 
 
 @pytest.mark.parametrize("errs", [(np.nan, np.nan, np.nan), (0.0, 0.0, -0.02)])
@@ -185,9 +191,7 @@ def test_a_correction_heals_the_frames_beside(errs):
     """What is corrected in one frame of a fist is wrong in those beside, whether nobody sees it or all see it elsewhere."""
     observe, poses, whole = _fist(errs)
     at = FRAMES // 2
-    again = refine_near(
-        Recording(HAND, Tracker(HAND).settings, observe, keyframes={at: poses[at]}), whole, [at]
-    )
+    again = _corrected(observe, whole, at, poses)
     after = {r.frame: r for r in (*whole, *again)}
     near = [n for n in range(at - 10, at + 11) if n != at]
     was, now = (
@@ -202,9 +206,7 @@ def test_a_mistake_of_one_frame_leaves_those_beside_alone():
     wrong = poses[at].copy()
     wrong[HAND.parameter_names.index("index_mcp_flex")] -= 1.0
     whole[at] = replace(whole[at], parameters=HAND.joint_params(wrong))
-    again = refine_near(
-        Recording(HAND, Tracker(HAND).settings, observe, keyframes={at: poses[at]}), whole, [at]
-    )
+    again = _corrected(observe, whole, at, poses)
     moved_mm = _off_mm(again, np.array([whole[r.frame].keypoints21 for r in again]))
     assert not again or moved_mm.max() < 5.0
 
@@ -212,11 +214,8 @@ def test_a_mistake_of_one_frame_leaves_those_beside_alone():
 def test_stopped_no_frame_beside_a_keyframe_changes():
     poses, at = _opening_and_closing()[:7], 3
     observe, live = _followed_while(np.zeros((7, 21), bool), poses, points_of(poses))
-    settings = Tracker(HAND).settings
     stopped = Control(should_stop=lambda: True)
-    assert (
-        refine_near(Recording(HAND, settings, observe, stopped, {at: poses[at]}), live, [at]) == []
-    )
+    assert _corrected(observe, live, at, poses, stopped) == []
 
 
 def _followed_while(hidden, poses, points):
