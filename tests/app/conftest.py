@@ -50,13 +50,13 @@ def left_open(monkeypatch):
     """Stores that a test leaves open, as a crash would, are closed after it; who left them is taken for dead."""
     monkeypatch.setattr("handtrack.store.lease._runs", lambda _holder: False)
     opened: list[Persistence] = []
-    really = Persistence.open.__func__  # type: ignore[attr-defined]
+    really = Persistence.open
 
-    def remembered(cls, document, take_over=False):
-        opened.append(really(cls, document, take_over))
+    def remembered(*given, **named):
+        opened.append(really(*given, **named))
         return opened[-1]
 
-    monkeypatch.setattr(Persistence, "open", classmethod(remembered))
+    monkeypatch.setattr(Persistence, "open", remembered)
     yield
     for store in opened:
         with suppress(HandtrackError, OSError):

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.session.session_state import Edit
+from handtrack_app.engine import opening
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import fake_document
@@ -12,6 +13,13 @@ from tests.app.fake_run import fake_document
 def opened(folder: Path, **options: Any) -> Persistence:
     """Return the store of a session that is just opened."""
     store = Persistence.open(fake_document(folder, step_s=0.0, **options))
+    store.restore()
+    return store
+
+
+def opened_recording(folder: Path) -> Persistence:
+    """Return the store of a recording in files."""
+    store = Persistence.open(opening.document(opening.opened(folder)))
     store.restore()
     return store
 

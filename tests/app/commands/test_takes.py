@@ -15,9 +15,8 @@ import pytest
 from handtrack import read_npz
 from handtrack.store.store import Store, WritableStore
 from handtrack.tracking.state import Step
-from handtrack_app.engine import opening
-from handtrack_app.engine.store.persistence import Persistence
 from tests.app.command_line import FRAMES
+from tests.app.opened import opened_recording
 from tests.session.small_session import edit
 
 
@@ -130,8 +129,7 @@ CHANGED = {"calibration.toml", "session.toml", "masks of cam0", "masks of cam1"}
 
 def told(handtrack, made_elsewhere):
     """What is said of them when the session is opened, by `takes`, `export` and `doctor`."""
-    store = Persistence.open(opening.document(opening.opened(made_elsewhere)))
-    store.restore()
+    store = opened_recording(made_elsewhere)
     store.close()
     listed = handtrack("takes", made_elsewhere).err
     poses = made_elsewhere / "tracks" / "poses.npz"

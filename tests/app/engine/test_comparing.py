@@ -4,14 +4,9 @@ import pytest
 
 from handtrack_app.page.panels.tracking import takes_table
 from handtrack_app.protocol.snapshots import TakeCard, WorkSnapshot
+from tests.app.engine.test_refine import bends
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
-
-
-def _bends(bench):
-    document = bench.worker.document
-    at = document.model.parameter_names.index("index_mcp_flex")
-    return [float(document.results[f].parameters[at]) for f in range(FRAMES)]
 
 
 def track(bench, first, number):
@@ -27,15 +22,15 @@ def track(bench, first, number):
 def test_a_take_comes_back(bench, wire):
     panel, document = bench.layout.takes, bench.worker.document
     track(bench, 0, 1)
-    first = _bends(bench)
+    first = bends(bench.worker)
     bench.engine.set_pose(4, tuple(value + 0.05 for value in document.start), 100)
     track(bench, 4, 2)  # the keyframe stays
-    second = _bends(bench)
+    second = bends(bench.worker)
     wire.set_value(panel.chosen, "1")
     wire.set_value(panel.back, True)
-    eventually(lambda: _bends(bench) == first)
+    eventually(lambda: bends(bench.worker) == first)
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: _bends(bench) == second)
+    eventually(lambda: bends(bench.worker) == second)
 
 
 def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench, wire):
@@ -50,8 +45,8 @@ def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench, wire):
     eventually(lambda: set(document.results) == set(range(3, 9)))
     at = document.model.parameter_names.index("index_mcp_flex")
     for frame, kept in ((3, 2), (8, 9)):
-        bends = document.results[frame].parameters[at], document.by_hand[kept][at]
-        assert bends[0] == pytest.approx(bends[1]), "it begins with the kept one beside"
+        beside = document.results[frame].parameters[at], document.by_hand[kept][at]
+        assert beside[0] == pytest.approx(beside[1]), "it begins with the kept one beside"
 
 
 def test_names_of_takes_are_text():

@@ -9,21 +9,14 @@ from handtrack import HandtrackError, Session
 from handtrack.session.doctor.examine import examine
 from handtrack.session.posed_frames import keyframe_result
 from handtrack.tracking.whole.refinement import CameraError, Refinement
-from handtrack_app.engine import opening
 from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.snapshots import TimelineSnapshot
 from tests.app.command_line import small_recording
 from tests.app.desk import a_desk
+from tests.app.opened import opened_recording
 from tests.session.small_session import edit
 
 LATE, NAME = 2.0, "cam1"
-
-
-def _opened(folder):
-    store = Persistence.open(opening.document(opening.opened(folder)))
-    store.restore()
-    return store
 
 
 def _refined(store, error):
@@ -43,7 +36,7 @@ def folder(tmp_path):
 
 
 def test_a_corrected_camera_stays_corrected_for_whoever_opens_the_session(folder):
-    store = _opened(folder)
+    store = opened_recording(folder)
     calibrated = store.document.run.session.view(NAME)
     error = CameraError(NAME, (0.0, 1.5, 0.0), (4.0, 0.0, 0.0), 0.5, LATE, (0.1,) * 9)
     _refined(store, error)
@@ -51,7 +44,7 @@ def test_a_corrected_camera_stays_corrected_for_whoever_opens_the_session(folder
     with pytest.raises(HandtrackError, match=NAME):
         edits.corrected_cameras(store.document, [NAME])
     store.close()
-    for session in (Session.open(folder), _opened(folder).document.run.session):
+    for session in (Session.open(folder), opened_recording(folder).document.run.session):
         view = session.view(NAME)
         expected = error.corrected(calibrated.camera)
         assert_allclose(view.camera.rotation, expected.rotation)
@@ -70,7 +63,7 @@ def test_a_corrected_camera_stays_corrected_for_whoever_opens_the_session(folder
 
 
 def test_a_later_estimate_adds_to_a_correction_that_another_calibration_ends(folder):
-    store = _opened(folder)
+    store = opened_recording(folder)
     error = CameraError(NAME, (0.0, 1.5, 0.0), (4.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9)
     for _ in range(2):
         _refined(store, error)

@@ -25,7 +25,7 @@ BY = 0.3
 DESK = {"refined_by": BY}
 
 
-def _bends(worker):
+def bends(worker):
     at = worker.document.model.parameter_names.index("index_mcp_flex")
     return {f: float(r.parameters[at]) for f, r in worker.document.results.items()}
 
@@ -41,7 +41,7 @@ def test_what_was_tracked_is_refined_as_a_take_of_its_own_with_the_size_that_it_
         document, store = worker.document, Store(tmp_path / "tracks")
         live = document.run.scale
         _tracked((worker, listener))
-        refined = _bends(worker)
+        refined = bends(worker)
         moved = f"{FRAMES} frames have a joint that moved by more than 5 mm"
         assert moved in listener.told("Tracking finished").text
         assert document.run.scale.overall == 1.07
@@ -57,22 +57,22 @@ def test_what_was_tracked_is_refined_as_a_take_of_its_own_with_the_size_that_it_
         worker.engine.undo(1)
         eventually(lambda: document.run.scale == live)  # noqa: B023
         eventually(lambda: whole_track(document).refinement is None)  # noqa: B023
-        assert [refined[f] - b for f, b in _bends(worker).items()] == pytest.approx([BY] * FRAMES)
+        assert [refined[f] - b for f, b in bends(worker).items()] == pytest.approx([BY] * FRAMES)
 
 
 def test_only_what_a_new_keyframe_touches_is_refined_again(desk, worker, listener):
     _tracked(desk)
-    before = _bends(worker)
+    before = bends(worker)
     worker.engine.set_pose(8, pose_with(listener, index_mcp_flex=0.3), 1)
     worker.engine.refine()
     listener.told("Refined: ")
-    after = _bends(worker)
+    after = bends(worker)
     assert {f for f in before if after[f] != before[f]} == {7, 9}
     worker.engine.set_setting("tracker.smoothing", 0.5)
     said = len(listener.seen)
     worker.engine.refine()
     listener.told("Refined: ", said)
-    last = _bends(worker)
+    last = bends(worker)
     assert {f for f in before if last[f] != after[f]} == set(before) - {8}, "another setting"
 
 
@@ -84,21 +84,21 @@ def _accept(worker, first, last, on=True):
 
 def test_tracking_again_and_refining_leave_accepted_frames(desk, worker, listener):
     _tracked(desk)
-    before = _bends(worker)
+    before = bends(worker)
     _accept(worker, 5, 6)
     worker.engine.set_pose(9, pose_with(listener, index_mcp_flex=0.3), 1)
     said = len(listener.seen)
     worker.engine.track(0, FRAMES, 9)
     listener.told("Tracking finished", said)
-    after = _bends(worker)
+    after = bends(worker)
     assert {f for f in before if after[f] == before[f]} == {5, 6, 9}, "9 is a keyframe"
     worker.engine.refine()
     listener.told("Refined: ")
-    last = _bends(worker)
+    last = bends(worker)
     assert {f for f in before if last[f] == after[f]} == {5, 6, 9}
     worker.engine.restore_take(1)
     listener.told("Take 1 is the track again")
-    restored = _bends(worker)
+    restored = bends(worker)
     assert restored[5] == before[5] and restored[7] != last[7]
 
 
@@ -191,11 +191,11 @@ def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(desk, work
     worker.engine.show_frame(8)
     _pull(worker, listener, 1, frame=8)
     listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 2 and p.origin == "pinned")
-    pinned, before = worker.document.pose_at(8), _bends(worker)
+    pinned, before = worker.document.pose_at(8), bends(worker)
     assert not worker.document.keyframes(range(FRAMES))
     worker.engine.refine()
     listener.told("Refined: ")
-    after = _bends(worker)
+    after = bends(worker)
     assert {f for f in before if after[f] != before[f]} == {7, 8, 9}, "only what pins touch"
     assert worker.document.pose_at(8).tolist() != pinned.tolist(), "what was refined shows"
     worker.engine.undo(3)

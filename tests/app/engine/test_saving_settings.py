@@ -12,11 +12,9 @@ from handtrack.model.model_file import read_scale
 from handtrack.session.first_pose.first_pose import read_first_pose
 from handtrack.session.session_file import read_session_file
 from handtrack.session.session_state import decide
-from handtrack_app.engine import opening
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.engine.store.persistence import Persistence
 from tests.app.cloudy_session import cloudy_session
-from tests.app.opened import did, opened
+from tests.app.opened import did, opened, opened_recording
 from tests.app.waiting import eventually
 
 pytestmark = pytest.mark.usefixtures("left_open")
@@ -101,7 +99,7 @@ def test_clouds_are_saved_key_by_key(tmp_path):
     """A usual value that stands there stays; what became usual goes; what somebody added meanwhile is his."""
     folder = cloudy_session(tmp_path)
     path = folder / "session.toml"
-    store = Persistence.open(opening.document(opening.opened(folder)))
+    store = opened_recording(folder)
     document = store.document
     added = path.read_text().replace("[clouds]", "[clouds]  # c\nper_voxel = 3")
     path.write_text(added)

@@ -78,8 +78,8 @@ def test_cameras_that_are_surely_off_are_corrected_by_one_button_and_undo_takes_
         eventually(lambda: review.correct.visible and not turned())
 
 
-def _card(first, last, brief="thumb"):
-    return ReviewInterval(first, last, first, 1.0, brief, "the thumb may be off <b>")
+def _card(first, last):
+    return ReviewInterval(first, last, first, 1.0, "thumb", "the thumb may be off <b>")
 
 
 def test_the_queue_goes_on_and_around(bench):

@@ -178,6 +178,12 @@ def test_a_failure_while_painting_is_told(run, results, tmp_path, monkeypatch):
     assert recorder.problem == "recording residuals stopped: no paint"
 
 
+def drawn(path, entity):
+    """Return the places and packed colours of points."""
+    (batch,) = chunks(path, entity)
+    return (np.array(batch.column(f"Points3D:{of}")[0].as_py()) for of in ("positions", "colors"))
+
+
 def signed(colours):
     """Return the values that colours of a residual stand for; NaN where nothing was measured."""
     red, fade, blue = np.moveaxis(colours.astype(float), -1, 0)
@@ -197,9 +203,7 @@ def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path):
     recorder.close()
     assert recorder.problem == ""
     bones = model.bones(model.transform.solver_params(moved))
-    (batch,) = chunks(tmp_path / "run.rrd", "/world/residual_cloud")
-    points = np.array(batch.column("Points3D:positions")[0].as_py())
-    packed = np.array(batch.column("Points3D:colors")[0].as_py(), np.uint32)
+    points, packed = drawn(tmp_path / "run.rrd", "/world/residual_cloud")
     found = signed(np.stack([packed >> 24, packed >> 16 & 255, packed >> 8 & 255], axis=1))
     distance = fitted_surface(model, run.settings.cloud).distance(bones, points)
     full = 3e-3 * run.settings.cloud.sigma_mm
@@ -213,9 +217,7 @@ def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path):
     assert (at >= np.abs(found[inside]) - 0.01).all()  # of several in one place the largest
     assert np.isnan(shown).mean() > 0.2
 
-    (batch,) = chunks(tmp_path / "run.rrd", "/world/residual_empty")
-    places = np.array(batch.column("Points3D:positions")[0].as_py())
-    packed = np.array(batch.column("Points3D:colors")[0].as_py(), np.uint32)
+    places, packed = drawn(tmp_path / "run.rrd", "/world/residual_empty")
     empty = (packed >> 24) < 10  # as blue as can be
     tip = model.joint_positions(bones)[model.joint_names.index("index_tip")]
     near = np.linalg.norm(places - tip, axis=1) < 0.015
