@@ -3,7 +3,6 @@
 import re
 import runpy
 import shlex
-from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
@@ -25,7 +24,7 @@ def name(page):
     return str(page.relative_to(REPOSITORY))
 
 
-def blocks(page: Path, language: str) -> list[str]:
+def blocks(page, language):
     """Return the fenced blocks of a page that are in a language."""
     found = FENCE.findall(page.read_text(encoding="utf-8"))
     return [body for kind, body in found if kind == language]

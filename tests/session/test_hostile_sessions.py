@@ -10,7 +10,7 @@ from handtrack import HandtrackError, Session
 from tests.session.small_session import edit, keypoints, write_init
 
 
-def refusal(folder: Path) -> str:
+def refusal(folder):
     with pytest.raises(HandtrackError) as caught:
         Session.open(folder)
     message = str(caught.value)
@@ -19,7 +19,7 @@ def refusal(folder: Path) -> str:
     return message
 
 
-def contains(message: str, *words: str) -> None:
+def contains(message, *words):
     for word in words:
         assert word in message, f"{word!r} is not in: {message}"
 

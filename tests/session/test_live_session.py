@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 import handtrack.session.live.live_session as live_session
-from handtrack.arrays import Array
 from handtrack.session.live.live_session import open_live
 from tests.live_cameras import ScriptedDevice
 
 SKIN = (105, 135, 205)  # BGR
 
 
-def hand_image(x: int = 17) -> Array:
+def hand_image(x=17):
     """A block of skin before grey."""
     image = np.full((48, 64, 3), 90, np.uint8)
     image[5:43, x : x + 30] = SKIN

@@ -1,7 +1,6 @@
 """A session whose masks start from its joints; files of masks that say where nobody knows."""
 
 from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from handtrack import HandtrackError, Session
 from handtrack.capture.images.openpose import write_hand
 from handtrack.session.doctor.check_views import check_view
-from tests.capture.seeded_scenes import SIZE, Recording, recording
+from tests.capture.seeded_scenes import SIZE, recording
 
 SETTINGS = """
 [session]
@@ -38,7 +37,7 @@ NOBODY = (3, *range(8, 15))
 drawn = cache(lambda: recording("even", np.random.default_rng(7), 16))
 
 
-def images_in(folder: Path, drawn: Recording) -> None:
+def images_in(folder, drawn):
     """Write the images of a camera, and its calibration."""
     (folder / "cam0").mkdir()
     for frame, image in enumerate(drawn.images):
@@ -47,7 +46,7 @@ def images_in(folder: Path, drawn: Recording) -> None:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     images_in(tmp_path, drawn())
     (tmp_path / "joints").mkdir()
     for frame in drawn().frames:
@@ -57,7 +56,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def opened(folder: Path, masks: str, more: str = "") -> Session:
+def opened(folder, masks, more=""):
     (folder / "session.toml").write_text(SETTINGS.format(masks=masks) + more)
     return Session.open(folder)
 

@@ -1,7 +1,5 @@
 """Cameras that are late, have a rate of their own or miss frames, and videos that are shorter than they say: a miss never shifts the others."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -98,12 +96,12 @@ def filmed(tmp_path):
     return tmp_path
 
 
-def write_video(path: Path, frames: int = FRAMES) -> None:
+def write_video(path, frames=FRAMES):
     pictures = (np.full((48, 64, 3), 5 * frame, np.uint8) for frame in range(frames))
     video_of(path, pictures, fps=10.0)
 
 
-def cut(path: Path) -> None:
+def cut(path):
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
 

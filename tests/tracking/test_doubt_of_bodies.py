@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from handtrack import (
-    Camera,
     ImageKeypoints,
     Observation,
     Silhouette,
@@ -15,7 +14,6 @@ from handtrack import (
     TrackerSettings,
     load_model,
 )
-from handtrack.arrays import Floats
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.pose_changes import PLACE
 from handtrack.observation.observation import ImageView
@@ -43,14 +41,12 @@ STEPPING = BODY.params_from({"left_shoulder_flex": 0.5, "right_hip_flex": 0.6, "
 """an arm held out to the front and a knee bent: of both the mirror image is a pose, too"""
 
 
-def places_of(pose: np.ndarray) -> np.ndarray:
+def places_of(pose):
     """Return the body's joints (J, 3) in a pose."""
     return BODY.joint_positions(BODY.bones(pose))
 
 
-def joints_of_body(
-    pose: np.ndarray, *cameras: Camera, off_px: Floats = np.zeros(2), sigma_px: float = 10.0
-) -> Observation:
+def joints_of_body(pose, *cameras, off_px=np.zeros(2), sigma_px=10.0):
     """Return where cameras see a body's joints."""
     places = places_of(pose)
     joints = [

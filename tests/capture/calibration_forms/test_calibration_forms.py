@@ -86,7 +86,7 @@ def test_fisheyes_are_seen_through_pinholes(form, tmp_path):
         assert np.abs(moved - camera.project(points))[shown].max() < 1e-6
 
 
-def fisheyes() -> dict[str, dict]:
+def fisheyes():
     """Return the tables of two fisheyes at the places of the rig's cameras."""
     return json.loads((SAMPLES / "calibration/fisheye_json/fisheye.json").read_text())
 
