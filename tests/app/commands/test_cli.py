@@ -145,9 +145,6 @@ def test_a_disk_that_fills_up_does_not_cost_the_result(handtrack, session, monke
 # ---- new, simulate, doctor, bench ------------------------------------------------------------------
 
 
-SLURM = REPOSITORY / "docs" / "cluster" / "slurm_array.sh"
-
-
 def test_what_is_printed_is_one_object(handtrack, session, tmp_path):
     for words, key in (
         (["doctor", session], "findings"),
@@ -165,7 +162,7 @@ def test_the_slurm_script_tracks_the_recording_of_its_number(tmp_path):
     program.write_text('#!/bin/bash\nprintf "%s|" "$@" "$HANDTRACK_THREADS"\n')
     program.chmod(0o755)
     environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "SLURM_ARRAY_TASK_ID": "2", "SLURM_CPUS_PER_TASK": "3", "HOME": str(tmp_path)}  # fmt: skip
-    done = subprocess.run(["bash", SLURM, tmp_path / "list.txt", "/out"], env=environment, capture_output=True, text=True, check=True)  # fmt: skip
+    done = subprocess.run(["bash", REPOSITORY / "docs/cluster/slurm_array.sh", tmp_path / "list.txt", "/out"], env=environment, capture_output=True, text=True, check=True)  # fmt: skip
     assert done.stdout == "batch|/data/take b|--resume|--out|/out|3|"
 
 

@@ -18,9 +18,7 @@ OTHER_LIGHT = (170, 70, 60)
 @pytest.fixture
 def folder(tmp_path):
     """A session with an image of other light, whose skin lies elsewhere in it."""
-    session = tmp_path / "cloudy"
-    session.mkdir()
-    cloudy_session(session)
+    session = cloudy_session(tmp_path)
     image = np.full((72, 96, 3), 90, np.uint8)
     image[5:25, 60:80] = OTHER_LIGHT[::-1]
     cv2.imwrite(str(session / "cam1" / "002.png"), image)

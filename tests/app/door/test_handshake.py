@@ -48,8 +48,7 @@ def asked(door, path=None, **headers):
 
 
 def socket_of(door, token=True, host="127.0.0.1", **options):
-    port = door.port
-    url = f"ws://{host}:{port}/" + (f"?token={door.token}" if token else "")
+    url = f"ws://{host}:{door.port}/" + (f"?token={door.token}" if token else "")
     return connect(url, subprotocols=VISER, max_size=None, **options)
 
 
@@ -217,8 +216,7 @@ def test_a11_the_number_of_clients_is_bounded(monkeypatch, allowed, most, status
 
 
 def test_a11_half_open_connections_keep_nobody_out(door):
-    port = door.port
-    idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(150)]
+    idle = [socket.create_connection(("127.0.0.1", door.port)) for _ in range(150)]
     assert asked(door).status == 200
     gone = [wire for wire in idle if closed(wire)]
     assert len(gone) >= len(idle) - access.MOST_CONNECTIONS
@@ -237,8 +235,7 @@ def closed(wire):
 
 
 def test_a_client_of_another_version_is_told_so_and_the_terminal_is_not(door, capfd):
-    port = door.port
-    url = f"ws://127.0.0.1:{port}/?token={door.token}"
+    url = f"ws://127.0.0.1:{door.port}/?token={door.token}"
     with connect(url, subprotocols=["viser-v0.9"]) as old, pytest.raises(ConnectionClosed) as end:
         old.recv(timeout=60)
     assert end.value.rcvd.code == 1002

@@ -24,9 +24,9 @@ from tests.session.test_times import FRAMES as ANNOUNCED
 from tests.session.test_times import cut, write_video
 
 
-def two_steps(monkeypatch, preview, document):
+def two_steps(monkeypatch, document):
     monkeypatch.setattr(opening, "opened", lambda folder: folder)
-    monkeypatch.setattr(opening, "preview", preview)
+    monkeypatch.setattr(opening, "preview", fake_document)
     monkeypatch.setattr(opening, "document", document)
 
 
@@ -38,7 +38,7 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path, monkeypatch):
         assert held.wait(60.0)
         return fake_document(folder)
 
-    two_steps(monkeypatch, fake_document, opener)
+    two_steps(monkeypatch, opener)
     worker = EngineInThreads(EnginePlan(tmp_path), listener.publish)
     worker.start()
     assert worker.wait_shown(60.0) is None
@@ -65,7 +65,7 @@ def test_a_failure_after_the_preview_is_told(tmp_path, monkeypatch):
     def opener(folder):
         raise ValueError("no such thing")
 
-    two_steps(monkeypatch, fake_document, opener)
+    two_steps(monkeypatch, opener)
     worker = EngineInThreads(EnginePlan(tmp_path), listener.publish)
     worker.start()
     assert isinstance(worker.wait_opened(60.0), ValueError)

@@ -2,9 +2,7 @@
 through a camera of its own; the next step is offered; settings are undone; names of files are text."""
 
 import json
-import shutil
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -267,13 +265,12 @@ def written_in(server):
                 yield handle.content
 
 
-def test_c53_names_in_a_sessions_files_are_text(recorded, tmp_path):
-    folder = Path(shutil.copytree(recorded, tmp_path / "session"))
-    old = next(x for x in (folder / "session.toml").read_text().splitlines() if "name = " in x)
-    edit(folder / "session.toml", old, f"name = {json.dumps(TAG)}")
+def test_c53_names_in_a_sessions_files_are_text(session):
+    old = next(x for x in (session / "session.toml").read_text().splitlines() if "name = " in x)
+    edit(session / "session.toml", old, f"name = {json.dumps(TAG)}")
     for file in ("session.toml", "calibration.toml"):
-        edit(folder / file, 'name = "cam0"', f"name = {json.dumps('cam' + TAG)}")
-    (folder / "masks/cam0/000001.png").write_bytes(b"no image")  # a note names the file
-    with shown(folder) as bench:
+        edit(session / file, 'name = "cam0"', f"name = {json.dumps('cam' + TAG)}")
+    (session / "masks/cam0/000001.png").write_bytes(b"no image")  # a note names the file
+    with shown(session) as bench:
         eventually(lambda: any("&lt;img" in text for text in written_in(bench.server)))
         assert [text for text in written_in(bench.server) if TAG in text] == []
