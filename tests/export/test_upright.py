@@ -12,7 +12,7 @@ from handtrack.export.upright import axis, turn_between, upright
 from tests.export.sequences import KINDS, sample_sequence
 
 
-@pytest.mark.parametrize(("up", "wanted"), product(AXES, AXES))
+@pytest.mark.parametrize(("up", "wanted"), [*product(AXES, AXES)])
 def test_the_axis_is_brought_to_the_other_by_a_turn(up, wanted):
     turn = turn_between(up, wanted)
     assert_allclose(turn @ axis(up), axis(wanted), atol=1e-15)

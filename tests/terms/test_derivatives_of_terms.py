@@ -53,7 +53,9 @@ def test_coverage(rng, antisymmetric, unknown):
     check_observation_term(CoverageTerm(seen, flesh, 4.0, bones, antisymmetric), bones, **KINKED)
 
 
-@pytest.mark.parametrize(("view", "loss"), zip(("space", "image", "image"), LOSSES, strict=False))
+@pytest.mark.parametrize(
+    ("view", "loss"), [*zip(("space", "image", "image"), LOSSES, strict=False)]
+)
 def test_keypoints(rng, view, loss):
     params = HAND.rest_params() + rng.normal(scale=0.2, size=len(HAND.rest_params()))
     params = HAND.clipped(params)

@@ -110,15 +110,17 @@ class WireClient:
                 and {"uuid", "value", "props"} <= message.keys()
             ]
 
-    def trigger(self, words: str) -> None:
-        """Give a command of the palette, by its words. Raises StopIteration where there is none."""
+    def trigger(self, words: str, timeout: float = 60.0) -> None:
+        """Give a command of the palette once the page has it. Raises TimeoutError where it does not come within so many seconds."""
+
+        def command() -> str | None:
+            known = (m for _, m in self.messages if m["type"] == "RegisterCommandMessage")
+            return next((m["uuid"] for m in known if m["props"]["label"] == words), None)
+
         with self._came:
-            uuid = next(
-                message["uuid"]
-                for _, message in self.messages
-                if message["type"] == "RegisterCommandMessage"
-                and message["props"]["label"] == words
-            )
+            uuid = self._came.wait_for(command, timeout)
+        if uuid is None:
+            raise TimeoutError(f"no command {words!r} on the page within {timeout:g} s")
         self.send({"type": "CommandTriggerMessage", "uuid": uuid})
 
     def latest(self, name: str, prop: str) -> tuple[float, Any] | None:
