@@ -1,12 +1,22 @@
 """Cameras that are turned, zoomed or late among others: found with the poses, told, and put right; those known to be late are predicted at their own time."""
 
+import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handtrack import ImageKeypoints, Observation, PointCloud, Tracker, TrackerSettings, load_model
+from handtrack import (
+    ImageKeypoints,
+    Observation,
+    PointCloud,
+    Silhouette,
+    Tracker,
+    TrackerSettings,
+    load_model,
+)
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
+from handtrack.model.flesh import model_mask
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
@@ -102,6 +112,19 @@ def test_clean_cameras_are_left_alone():
     assert all(abs(one.late_frames) < 0.05 for one in found.cameras)
     assert found.why == "converged"
     assert found.scale is None, "a size that was given stays"
+
+
+def test_masks_wider_than_the_hand_are_told_as_wide_as_they_are():
+    def observe(frame, _bones=None):
+        flesh = HAND.flesh["fine"].posed(HAND.bones(POSES[frame]))
+        masks = (model_mask(camera_at(k), flesh).astype(np.uint8) for k in range(3))
+        wide = (cv2.dilate(mask, disc) for mask in masks)  # 2 px, which are 2 mm
+        seen = (Silhouette(camera_at(k), mask.astype(float)) for k, mask in enumerate(wide))
+        return Observation(frame, frame / FPS, silhouettes=tuple(seen))
+
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    *_, found = refined(observe, POSES[:12])
+    assert [one.wider_mm for one in found.cameras] == pytest.approx([2.0] * 3, abs=0.5)
 
 
 def _changed(rng):
