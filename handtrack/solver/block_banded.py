@@ -39,8 +39,12 @@ class BlockBanded:
     def factor(self, overwrite: bool = False) -> BandedFactor:
         """Return the factor by which systems are solved; overwrite: in the matrix's place. Raises HandtrackError where it has none."""
         lower = self.blocks if overwrite else self.blocks.copy()
-        if not kernels.factor(lower, 0.0):
-            raise HandtrackError("solver: the frames' system has a direction that nothing holds.")
+        try:
+            kernels.factor(lower)
+        except np.linalg.LinAlgError:
+            raise HandtrackError(
+                "solver: the frames' system has a direction that nothing holds."
+            ) from None
         return BandedFactor(lower)
 
 
@@ -49,7 +53,7 @@ class BandedFactor:
     """L with L Lᵀ the matrix."""
 
     lower: Floats[F, L, P, P]
-    """its blocks, as `BlockBanded` has the matrix's"""
+    """its blocks, as `BlockBanded` has the matrix's, those of the diagonal inverted"""
 
     def solve(self, right: Floats[F, P, *Axes]) -> Floats[F, P, *Axes]:
         """Return x with the matrix times x being `right`."""
