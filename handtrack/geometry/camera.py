@@ -162,6 +162,11 @@ class Camera:
         return directions * np.diag(self.matrix)[:2] + self.matrix[:2, 2]
 
 
+def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Floats[D3, D3]:
+    """Return [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]."""
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
 def scaled_by(size: tuple[int, int], found: tuple[int, int]) -> float | None:
     """Return the one factor by which images of a size (width, height) may have been scaled to another, to a pixel of
     rounding; None where there is none.

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import glob
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from handtrack.arrays import Array
 from handtrack.capture.calibration.board_views import (
@@ -30,11 +29,12 @@ from handtrack.capture.calibration.rig_calibration import (
     CalibrationSettings,
     RigCalibration,
     calibrate_rig,
+    report_text,
 )
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
 from handtrack.capture.calibration.rig_picture import draw_calibration, draw_residuals
-from handtrack.capture.images.frames import COLOUR, IMAGE_SUFFIXES, RAW, FrameSource, ImageFiles
-from handtrack.capture.images.raw_frames import PATTERNS, demosaic
+from handtrack.capture.images.frames import IMAGE_SUFFIXES, FrameSource, ImageFiles
+from handtrack.capture.images.raw_frames import PATTERNS, MosaicFiles
 from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replacing
@@ -59,20 +59,18 @@ def calibrate(args: argparse.Namespace) -> int:
             "--camera must be the same."
         )
     cameras = _searched(inputs, board, args)
-    require_views(board, cameras, lambda: _some_images(inputs, cameras, args.bayer))
+    require_views(board, cameras, lambda: _some_images(inputs, cameras))
     settings = CalibrationSettings(
         k3=not args.no_k3,
         tangential=not args.no_tangential,
         most_views=args.most_views,
         world=args.world or "",
-        known=known,
+        known={camera.name: camera for camera in known or ()},
     )
     calibration = calibrate_rig(board, cameras, settings)
     _write_report(calibration, board, args)
-    if calibration.report.contradictions:
-        raise HandtrackError(
-            f"{' '.join(calibration.report.contradictions)} {args.out} was not written; the report was."
-        )
+    if wrong := calibration.report["contradictions"]:
+        raise HandtrackError(f"{' '.join(wrong)} {args.out} was not written; the report was.")
     previous = keep_version(args.out)
     with replacing(args.out) as part:
         write_rig(part, calibration.rig)
@@ -81,11 +79,11 @@ def calibrate(args: argparse.Namespace) -> int:
 
 
 def _inputs(args: argparse.Namespace) -> _Inputs:
-    kind, found = RAW if args.bayer else COLOUR, _Inputs()
+    found = _Inputs()
     options = (("shared", "--camera", args.camera), ("alone", "--intrinsics", args.intrinsics))
     for use, option, given in options:
         for name, parts in given.items():
-            source = _source(parts, f"{option} {name}", kind, synchronised=use == "shared")
+            source = _source(parts, f"{option} {name}", args.bayer, synchronised=use == "shared")
             found.setdefault(name, {})[use] = source
     if not found:
         raise HandtrackError(
@@ -108,22 +106,27 @@ def _expanded(part: str, where: str) -> list[Path]:
     return natural_order(files)
 
 
-def _source(parts: Sequence[str], where: str, kind: str, synchronised: bool) -> FrameSource:
+def _source(
+    parts: Sequence[str], where: str, pattern: str | None, synchronised: bool
+) -> FrameSource:
     """Return a camera's images or video; the shell may have listed its files already."""
     paths = [path for part in parts for path in _expanded(part, where)]
     images = [path for path in paths if path.suffix.lower() in IMAGE_SUFFIXES]
-    if len(paths) == 1 and not images:
+    if len(paths) == 1 and not images and not pattern:
         return VideoFile(paths[0], where=str(paths[0]))
     if len(images) < len(paths):
         other = next(path for path in paths if path not in images)
         raise HandtrackError(f"{where}: {other} is no image; expected either images or one video.")
     # of a lens alone by their order: no other camera must agree
-    return ImageFiles(paths, kind, where=str(paths[0].parent), in_order=not synchronised)
+    folder, in_order = str(paths[0].parent), not synchronised
+    if pattern:
+        return MosaicFiles(paths, pattern, where=folder, in_order=in_order)
+    return ImageFiles(paths, where=folder, in_order=in_order)
 
 
 def _searched(inputs: _Inputs, board: Board, args: argparse.Namespace) -> list[CameraViews]:
     """Return what each camera saw of the board."""
-    as_image, most = _developer(args.bayer), args.most_images
+    most = args.most_images
     shared = [sources["shared"] for sources in inputs.values() if "shared" in sources]
     shared_frames = frames_to_search(shared, most)
     plans = [
@@ -135,7 +138,7 @@ def _searched(inputs: _Inputs, board: Board, args: argparse.Namespace) -> list[C
     found: dict[str, CameraViews] = {}
     with progress_bar(total, "looking for the board") as bar:
         for name, use, source, frames in plans:
-            views, size, tried = search_views(source, board, frames, bar.update, as_image)
+            views, size, tried = search_views(source, board, frames, bar.update)
             if size is None:
                 raise HandtrackError(
                     f"camera '{name}': no image could be read from {source.where}."
@@ -150,25 +153,9 @@ def _searched(inputs: _Inputs, board: Board, args: argparse.Namespace) -> list[C
     return list(found.values())
 
 
-def _developer(pattern: str | None) -> Callable[[Array], Array]:
-    """Return what makes 8-bit images of what the sources give."""
-    if not pattern:
-        return lambda image: image
-
-    def developed(mosaic: Array) -> Array:
-        colour = demosaic(mosaic, pattern)
-        if colour.dtype == np.uint8:
-            return colour
-        most = max(float(np.percentile(colour, 99.5)), 1.0)  # 10 or 12 bits in 16, dark or bright
-        return np.clip(colour * (255.0 / most), 0, 255).astype(np.uint8)
-
-    return developed
-
-
-def _some_images(inputs: _Inputs, cameras: Sequence[CameraViews], bayer: str | None) -> list[Array]:
+def _some_images(inputs: _Inputs, cameras: Sequence[CameraViews]) -> list[Array]:
     """Return three images of each camera that never saw the board, or of the first camera."""
     blind = {camera.name for camera in cameras if not camera.shared and not camera.alone}
-    as_image = _developer(bayer)
     images = []
     for name, sources in inputs.items():
         if name in (blind or {next(iter(inputs))}):
@@ -176,13 +163,13 @@ def _some_images(inputs: _Inputs, cameras: Sequence[CameraViews], bayer: str | N
             frames = [frame for frame in source.frames if source.has(frame)]
             picked = [frames[i * (len(frames) - 1) // 2] for i in range(3)] if frames else []
             read = (source.read(frame) for frame in dict.fromkeys(picked))
-            images += [as_image(image) for image in read if image is not None]
+            images += [image for image in read if image is not None]
     return images
 
 
 def _write_report(calibration: RigCalibration, board: Board, args: argparse.Namespace) -> None:
     """Print the report; beside calibration.toml leave it as text, and two pictures."""
-    text = calibration.report.text()
+    text = report_text(calibration.report)
     stem = args.out.with_suffix("")
     files = {
         Path(f"{stem}_report.txt"): (text + "\n").encode(),
@@ -196,7 +183,7 @@ def _write_report(calibration: RigCalibration, board: Board, args: argparse.Name
     for path, content in files.items():
         with replacing(path) as part:
             part.write_bytes(content)
-    answer(args, calibration.report.as_dict(), text)
+    answer(args, calibration.report, text)
     say(f"wrote {', '.join(map(str, files))}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -50,14 +51,12 @@ def find_board(
     gray: Bytes = (
         image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
     )
-    if isinstance(board, CharucoBoard):
-        found = _find_charuco(gray, board)
-    else:
-        found = _find_chessboard(gray, board, thorough)
+    is_charuco = isinstance(board, CharucoBoard)
+    found = _find_charuco(gray, board) if is_charuco else _find_chessboard(gray, board, thorough)
     if found is None:
         return None
     ids, pixels = found
-    goes_on = isinstance(board, Chessboard) and _goes_on(gray, board, pixels)
+    goes_on = not is_charuco and _goes_on(gray, board, pixels)
     return BoardView(frame, ids, pixels, _blur(gray, board, ids, pixels), source, goes_on)
 
 
@@ -244,10 +243,6 @@ class CameraViews:
         return replace(self, **dict(zip(("shared", "alone"), kept)))
 
 
-Progress = Callable[[], object]
-"""Called after each image; it may raise to stop."""
-
-
 def frames_to_search(sources: Iterable[FrameSource], most: int) -> range:
     """Return the frames to look at in all cameras alike: every one, or every n-th of a long video."""
     count = max((len(source.frames) for source in sources), default=0)
@@ -258,13 +253,11 @@ def search_views(
     source: FrameSource,
     board: Board,
     frames: Iterable[int],
-    progress: Progress = lambda: None,
-    as_image: Callable[[Array[H, W, *Axes]], Array[H, W, *Axes]] = lambda image: image,
+    progress: Callable[[], object] = lambda: None,
 ) -> tuple[list[BoardView], tuple[int, int] | None, int]:
     """Return the views of the board in a source, the image size and how many images there were.
 
-    as_image: makes what the source gives (a raw mosaic) an image. Raises HandtrackError when images
-    of one camera differ in size.
+    progress: called after each image; it may raise to stop. Raises HandtrackError when images of one camera differ in size.
     """
     frames = [frame for frame in frames if source.has(frame)]
     thorough = len(frames) <= _THOROUGH_UP_TO
@@ -276,7 +269,7 @@ def search_views(
         progress()
         if image is None:
             continue
-        image, tried = as_image(image), tried + 1
+        tried += 1
         here = _name(source, frame)
         found = (image.shape[1], image.shape[0])
         if size is not None and found != size:
@@ -311,8 +304,7 @@ def choose_views(cameras: Sequence[CameraViews], most: int) -> list[CameraViews]
     Frames are chosen once for all cameras, so that views stay common ones.
     """
     sharp = [_without_blurred(camera) for camera in cameras]
-    describing = {camera.name: _descriptions(camera, camera.shared) for camera in sharp}
-    frames = _spread_frames(sharp, describing, most)
+    frames = _spread_frames(sharp, most)
     chosen = []
     for camera in sharp:
         shared = tuple(view for view in camera.shared if view.frame in frames)
@@ -330,20 +322,15 @@ def _without_blurred(camera: CameraViews) -> CameraViews:
     return camera.only(lambda view: view.blur_px <= limit)
 
 
-def _spread_frames(
-    cameras: Sequence[CameraViews], describing: dict[str, Floats], most: int
-) -> set[int]:
+def _spread_frames(cameras: Sequence[CameraViews], most: int) -> set[int]:
     """Return frames such that each camera has up to `most`; frames that more cameras see go first."""
-    seen: dict[int, int] = {}
-    for camera in cameras:
-        for view in camera.shared:
-            seen[view.frame] = seen.get(view.frame, 0) + 1
+    seen = Counter(view.frame for camera in cameras for view in camera.shared)
     frames: set[int] = set()
     # first per number of cameras: what all see binds the rig together
     for camera in sorted(cameras, key=lambda c: len(c.shared)):
         have = [i for i, view in enumerate(camera.shared) if view.frame in frames]
         weight = np.array([seen[view.frame] for view in camera.shared], dtype=float)
-        rows = _farthest(describing[camera.name], most, have, weight)
+        rows = _farthest(_descriptions(camera, camera.shared), most, have, weight)
         frames |= {camera.shared[i].frame for i in rows}
     for camera in cameras:  # others' choices may have brought more than wanted
         extra = [view.frame for view in camera.shared if view.frame in frames]
@@ -354,32 +341,24 @@ def _spread_frames(
 
 def _descriptions(camera: CameraViews, views: Sequence[BoardView]) -> Floats:
     """Return (V, 6) what matters in a view: place, size, tilt; each about 0 to 1."""
-    width, height = camera.size
     rows = []
     for view in views:
         middle = view.pixels.mean(axis=0)
         spread = view.pixels - middle
+        box = np.maximum(np.ptp(view.pixels, axis=0), 1e-9)
         _, values, _ = np.linalg.svd(spread.T @ spread / len(spread))
         long, short = np.sqrt(values)
-        corner_sizes = _foreshortening(view.pixels)
-        rows.append(
-            [middle[0] / width, middle[1] / height, 2 * long / width, short / long, *corner_sizes]
-        )
+        # how much corners crowd to one side, along x and y: the sign of a tilt
+        crowded = 4 * (-spread.min(axis=0) / box - 0.5)
+        rows.append([*middle / camera.size, 2 * long / camera.size[0], short / long, *crowded])
     return np.array(rows).reshape(len(views), 6)
-
-
-def _foreshortening(pixels: Floats) -> tuple[float, float]:
-    """Return how much corners crowd to one side, along x and y: the sign of a tilt."""
-    low, high = pixels.min(axis=0), pixels.max(axis=0)
-    share = (pixels.mean(axis=0) - low) / np.maximum(high - low, 1e-9)
-    return float(4 * (share[0] - 0.5)), float(4 * (share[1] - 0.5))
 
 
 def _farthest(
     rows: Floats, most: int, have: Sequence[int] = (), weight: Array | None = None
 ) -> list[int]:
     """Return up to `most` rows, each next one the farthest from all before, begun with `have`."""
-    chosen = list(have)[:]
+    chosen = list(have)
     if len(rows) <= most:
         return list(range(len(rows)))
     weight = np.ones(len(rows)) if weight is None else weight
@@ -407,8 +386,8 @@ def require_views(
         views = camera.views
         larger = [view for view in views if view.goes_on]
         if len(larger) > 0.5 * len(views):
-            other = _other_size(board, images()) if isinstance(board, Chessboard) else None
-            found = f"; it looks like {other[0]} x {other[1]}" if other is not None else ""
+            other = _other_size(board, images())
+            found = f"; it looks like {other.columns} x {other.rows}" if other else ""
             raise HandtrackError(
                 f"the board is larger than {board.text}: in {len(larger)} of {len(views)} views of camera "
                 f"'{camera.name}' squares go on beyond its edge ({larger[0].source}){found}. Count all inner "
@@ -423,15 +402,11 @@ def require_views(
         f"no {board.text} board was found in any of {tried} images of camera {names} "
         f"({without[0].where})."
     )
-    other = _other_size(board, images()) if isinstance(board, Chessboard) else None
-    if other is not None:
+    if other := _other_size(board, images()):
         raise HandtrackError(
-            f"{text} There is a chessboard of {other[0]} x {other[1]} inner corners: use "
-            f"--board chessboard:{other[0]}x{other[1]}:{board.square_m * 1e3:g}mm. Count inner "
-            "corners, where four squares meet, not squares."
+            f"{text} There is a chessboard of {other.columns} x {other.rows} inner corners: use "
+            f"--board {other.text}. Count inner corners, where four squares meet, not squares."
         )
-    if all(not camera.tried for camera in without):
-        raise HandtrackError(f"camera {names}: no image could be read ({without[0].where}).")
     advice = (
         "The whole board with its white border must be seen, sharp and lit evenly; the size counts inner corners."
         if isinstance(board, Chessboard)
@@ -440,7 +415,9 @@ def require_views(
     raise HandtrackError(f"{text} {advice}")
 
 
-def _other_size(board: Chessboard, images: Sequence[Array]) -> tuple[int, int] | None:
+def _other_size(board: Board, images: Sequence[Array]) -> Chessboard | None:
+    if isinstance(board, CharucoBoard):
+        return None
     c, r = board.columns, board.rows
     likely = [(c - 1, r - 1), (c + 1, r + 1), (c - 1, r), (c, r - 1), (c + 1, r), (c, r + 1)]
     common = [
@@ -461,5 +438,5 @@ def _other_size(board: Chessboard, images: Sequence[Array]) -> tuple[int, int] |
             other = Chessboard(columns, rows, board.square_m)
             found = [find_board(image, other) for image in images]
             if any(view is not None and not view.goes_on for view in found):
-                return columns, rows
+                return other
     return None

@@ -58,15 +58,11 @@ class Chessboard:
         identity; more than one means the board does not tell how it is turned.
         """
         numbers = np.arange(self.columns * self.rows).reshape(self.rows, self.columns)
-        quarter = range(4) if self.columns == self.rows else (0, 2)
-        kept = [k for k in quarter if self._keeps_colours(k)]
+        # quarter turns after which the first inner square is black again
+        kept = (0, 2) if (self.columns + self.rows) % 2 == 0 else (0,)
+        if self.columns == self.rows and self.rows % 2 == 0:
+            kept = range(4)
         return tuple(np.rot90(numbers, k).reshape(-1) for k in kept)
-
-    def _keeps_colours(self, quarter_turns: int) -> bool:
-        """Whether the first inner square is black again after some quarter turns."""
-        if quarter_turns == 2:
-            return (self.columns + self.rows) % 2 == 0
-        return quarter_turns == 0 or self.rows % 2 == 0  # of a board with as many rows as columns
 
 
 @dataclass(frozen=True)
@@ -117,34 +113,31 @@ def parse_board(text: str) -> Board:
     """Return the board that a text describes. Raises HandtrackError saying what was expected."""
     kind, *parts = text.strip().split(":")
     if kind == "chessboard" and len(parts) == 2:
-        columns, rows = _counts(parts[0], text)
-        return Chessboard(columns, rows, _length(parts[1], text))
+        return Chessboard(*_counts(parts[0], text), _length(parts[1], text))
     if kind == "charuco" and len(parts) == 4:
-        columns, rows = _counts(parts[0], text)
         square, marker = (_length(part, text) for part in parts[1:3])
-        return _charuco(columns, rows, square, marker, parts[3].upper(), text)
+        columns, rows = _counts(parts[0], text)
+        board = CharucoBoard(columns, rows, square, marker, parts[3].upper())
+        _check_markers(board, text)
+        return board
     raise HandtrackError(f"board '{text}': expected {EXAMPLES}.")
 
 
-def _charuco(
-    columns: int, rows: int, square: float, marker: float, dictionary: str, text: str
-) -> CharucoBoard:
+def _check_markers(board: CharucoBoard, text: str) -> None:
     known = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
-    if dictionary not in known:
-        raise unknown_name("marker dictionary", dictionary, known, f"board '{text}'")
-    if marker >= square:
+    if board.dictionary not in known:
+        raise unknown_name("marker dictionary", board.dictionary, known, f"board '{text}'")
+    if board.marker_m >= board.square_m:
         raise HandtrackError(
-            f"board '{text}': the marker ({marker * 1e3:g} mm) must be smaller than its square "
-            f"({square * 1e3:g} mm); the square comes first."
+            f"board '{text}': the marker ({board.marker_m * 1e3:g} mm) must be smaller than its square "
+            f"({board.square_m * 1e3:g} mm); the square comes first."
         )
-    board = CharucoBoard(columns, rows, square, marker, dictionary)
-    needed, there = (columns * rows) // 2, len(board.cv2_dictionary.bytesList)
+    needed, there = (board.columns * board.rows) // 2, len(board.cv2_dictionary.bytesList)
     if needed > there:
         raise HandtrackError(
-            f"board '{text}': it needs {needed} markers, {dictionary} has {there}; choose a larger "
+            f"board '{text}': it needs {needed} markers, {board.dictionary} has {there}; choose a larger "
             "dictionary or fewer squares."
         )
-    return board
 
 
 def _counts(part: str, text: str) -> tuple[int, int]:

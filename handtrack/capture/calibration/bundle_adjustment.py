@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from handtrack.arrays import D2, D3, D6, D9, Array, C, Floats, Ints, M, N, V
+from handtrack.geometry.camera import camera_matrix
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 
 LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
@@ -64,24 +65,17 @@ class Refined:
     converged: bool
 
 
-def lens_matrix(lens: Floats[D9]) -> Floats[D3, D3]:
-    """Return the camera matrix of numbers in the order of LENS."""
-    return np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
-
-
 def residuals(state: RigState, corners: Corners) -> Floats[M, D2]:
     """Return seen − predicted [px]."""
     return corners.pixels - _projected(state, corners)[0]
 
 
-def refine(
-    start: RigState, corners: Corners, free_lens: Array[C, D9], fixed_camera: int
-) -> Refined:
-    """Return the least-squares state from a start; all cameras but one move, all views move.
+def refine(start: RigState, corners: Corners, free_lens: Array[C, D9]) -> Refined:
+    """Return the least-squares state from a start; all cameras but the first move, all views move.
 
     free_lens: bool, which lens numbers are estimated.
     """
-    free_camera = np.arange(len(start.camera)) != fixed_camera
+    free_camera = np.arange(len(start.camera)) > 0
     free = np.concatenate(
         [np.ravel(free_lens), np.repeat(free_camera, 6), np.ones(start.view.size, bool)]
     )
@@ -151,8 +145,11 @@ def _moved(start: RigState, free: Array[N], values: Floats[M]) -> RigState:
     """Return the state in which numbers that are free have other values."""
     numbers = _numbers(start)
     numbers[free] = values
-    first, second = start.lens.size, start.lens.size + start.camera.size
-    lens, camera, view = np.split(numbers, [first, second])
+    return _state(numbers, len(start.lens))
+
+
+def _state(numbers: Array[N], cameras: int) -> RigState:
+    lens, camera, view = np.split(numbers, [9 * cameras, 15 * cameras])
     return RigState(lens.reshape(-1, 9), camera.reshape(-1, 6), view.reshape(-1, 6))
 
 
@@ -165,7 +162,7 @@ def _projected(state: RigState, corners: Corners) -> tuple[Floats, Floats, Float
     for camera in np.unique(corners.camera):
         mine, lens = corners.camera == camera, state.lens[camera]
         turn, shift = np.split(state.camera[camera], 2)
-        there, by = cv2.projectPoints(world[mine], turn, shift, lens_matrix(lens), lens[4:])
+        there, by = cv2.projectPoints(world[mine], turn, shift, camera_matrix(*lens[:4]), lens[4:])
         pixels[mine], slopes[mine] = there[:, 0], by.reshape(-1, 2, 15)
     return pixels, slopes, turned
 
@@ -179,15 +176,8 @@ def _jacobian(state: RigState, corners: Corners, free: Array[N]) -> csr_matrix:
     by_view = -by_world @ skew(turned) @ left_jacobian(state.view[:, :3])[corners.view]
     blocks = np.concatenate([by_lens, by_pose, by_view, by_world], axis=2)
     count = len(corners.camera)
-    lens_size, camera_size = state.lens.size, state.camera.size
-    numbers = np.concatenate(
-        [
-            9 * corners.camera[:, None] + np.arange(9),
-            lens_size + 6 * corners.camera[:, None] + np.arange(6),
-            lens_size + camera_size + 6 * corners.view[:, None] + np.arange(6),
-        ],
-        axis=1,
-    )
+    at = _state(np.arange(len(free)), len(state.lens))
+    numbers = np.hstack([at.lens[corners.camera], at.camera[corners.camera], at.view[corners.view]])
     columns = np.broadcast_to(numbers[:, None, :], blocks.shape)
     rows = np.broadcast_to(np.arange(2 * count).reshape(count, 2, 1), blocks.shape)
     entries = (blocks.ravel(), (rows.ravel(), columns.ravel()))
@@ -203,29 +193,20 @@ def _uncertainty(
     """
     lens = state.lens[corners.camera]
     down = (_projected(state, corners)[0][:, 1:] - lens[:, 3:4]) / lens[:, 1:2]
-    cameras = len(state.lens)
-    mine = corners.camera[:, None] == np.arange(cameras)
-    skew_columns = np.stack([mine * down, np.zeros((len(down), cameras))], axis=1)
-    skew_columns = skew_columns.reshape(-1, cameras)
+    skewed = down * (corners.camera[:, None] == np.arange(len(state.lens)))
+    skew_columns = np.stack([skewed, np.zeros_like(skewed)], axis=1).reshape(-1, len(state.lens))
     whole = csr_matrix(hstack([_jacobian(state, corners, free), csr_matrix(skew_columns)]))
-    weight = _robust_weight(left.reshape(-1), scale)
-    weighted = whole.multiply(weight[:, None])
+    weighted = whole.multiply(_robust_weight(left.reshape(-1), scale)[:, None])
     normal = (weighted.T @ whole).toarray()
-    right = weighted.T @ left.reshape(-1)
-    n = int(free.sum())
     diagonal = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     scaled = normal / np.outer(diagonal, diagonal)
+    n = int(free.sum())
     inverse = np.linalg.pinv(scaled[:n, :n], rcond=1e-13, hermitian=True)
-    variance = np.zeros(len(free))
-    spread = _spread(left) ** 2
-    variance[free] = spread * np.diag(inverse) / diagonal[:n] ** 2
-    std = np.sqrt(np.maximum(variance[: state.lens.size], 0)).reshape(-1, 9)
-    # with skew freed: the Schur complement keeps the other numbers free to give way
-    coupling = scaled[:n, n:]
-    own = scaled[n:, n:] - coupling.T @ inverse @ coupling
-    own_inverse = np.linalg.pinv(own, rcond=1e-10, hermitian=True)
-    step = own_inverse @ (
-        right[n:] / diagonal[n:] - coupling.T @ inverse @ (right[:n] / diagonal[:n])
-    )
-    skews = np.stack([step, np.sqrt(np.maximum(spread * np.diag(own_inverse), 0))], -1)
-    return std, skews / diagonal[n:, None]
+    deviation = np.zeros(len(free))
+    deviation[free] = _spread(left) * np.sqrt(np.maximum(np.diag(inverse), 0)) / diagonal[:n]
+    # with skew freed, the other numbers give way
+    inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True)
+    step = inverse[n:] @ (weighted.T @ left.reshape(-1) / diagonal)
+    skew_std = _spread(left) * np.sqrt(np.maximum(np.diag(inverse)[n:], 0))
+    skews = np.stack([step, skew_std], -1) / diagonal[n:, None]
+    return _state(deviation, len(state.lens)).lens, skews

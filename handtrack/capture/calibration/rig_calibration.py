@@ -5,13 +5,14 @@ Not all cameras need to see one board: pairs are chained, the pairs with most co
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from itertools import combinations, islice
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain, combinations, islice
 from typing import Any
 
 import cv2
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from handtrack.arrays import D2, D3, D4, Array, C, Floats, K, N
@@ -22,11 +23,11 @@ from handtrack.capture.calibration.bundle_adjustment import (
     Corners,
     Refined,
     RigState,
-    lens_matrix,
     refine,
 )
+from handtrack.capture.calibration.formats.imported_rig import five_or_more
 from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.geometry.camera import Camera, CameraRig, camera_matrix
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 
 _LEAST_VIEWS = 3
@@ -47,8 +48,8 @@ class CalibrationSettings:
     """of each camera; more cost time and give little"""
     world: str = ""
     """`camera:NAME` or `board:FRAME`; the first camera if empty"""
-    known: CameraRig | None = field(default=None, compare=False)
-    """cameras whose lens is kept as it is"""
+    known: Mapping[str, Camera] = field(default_factory=dict)
+    """by name, cameras whose lens is kept as it is"""
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,9 @@ class RigCalibration:
     """The rig, and how good it is."""
 
     rig: CameraRig
-    report: CalibrationReport
+    report: dict[str, Any]
+    """how good it is, in numbers, lists and texts, for JSON: see `camera_report`, `pair_reports` and `report_text`;
+    `contradictions` are of pairs of cameras whose common views do not agree: the rig is not to be used then"""
     T_world_board: dict[int, Floats[D4, D4]]
     """by frame, of shared views"""
     cameras: tuple[CameraViews, ...]
@@ -67,11 +70,13 @@ class RigCalibration:
 
 @dataclass(frozen=True)
 class _LensFit:
+    camera: CameraViews
+    """without views that do not fit"""
     matrix: Floats
     distortions: Floats
     poses: tuple[Floats, ...]
     """T_camera_board of shared views, then of those for this camera alone."""
-    dropped: tuple[str, ...]
+    dropped: tuple[str, ...] = ()
 
 
 def calibrate_rig(
@@ -83,42 +88,45 @@ def calibrate_rig(
 
     Raises HandtrackError for too few views, cameras that share none, a world that is not there.
     """
-    _check_world_name(settings.world, cameras)
-    fits: list[_LensFit] = []
-    chosen: list[CameraViews] = []
-    for camera in choose_views(cameras, settings.most_views):
-        kept, fit = _fit_lens(board, camera, settings)
-        chosen.append(kept)
-        fits.append(fit)
-    poses = [
-        {view.frame: pose for view, pose in zip(camera.shared, fit.poses)}
-        for camera, fit in zip(chosen, fits)
+    fits = [
+        _fit_lens(board, camera, settings) for camera in choose_views(cameras, settings.most_views)
     ]
-    used, T_camera_world, boards, disagreement = place_cameras(chosen, poses, board)
-    corners, state, frames = _assembled(board, used, T_camera_world, boards, fits)
+    used, T_camera_world, boards, disagreement = place_cameras(fits, board)
+    corners, start = _assembled(board, used, T_camera_world, boards, fits)
     apart = [pair for pair, off in disagreement.items() if off > _APART]
-    free = _free_lens(chosen, settings)
+    free = np.ones((len(used), len(LENS)), dtype=bool)
+    free[:, 6:8] = settings.tangential
+    free[:, 8] = settings.k3
+    free[[camera.name in settings.known for camera in used]] = False
     if apart:
         free[:] = False  # lenses would bend to explain what is not theirs
-    refined = refine(state, corners, free, fixed_camera=0)
-    T_world_board = {f: _pose_matrix(refined.state.view[i]) for f, i in frames.items()}
-    T_new_world = _new_world(settings.world, chosen, refined.state, T_world_board)
-    rig = _rig(chosen, refined.state, T_new_world)
-    boards = {f: np.asarray(T_new_world @ pose, float) for f, pose in T_world_board.items()}
+    refined = refine(start, corners, free)
+    T_world_board = {f: _pose_matrix(p) for f, p in zip(sorted(boards), refined.state.view)}
+    T_new_world = _new_world(settings.world, used, refined.state, T_world_board)
+    rig = _rig(used, refined.state, np.linalg.inv(T_new_world))
+    T_world_board = {f: np.asarray(T_new_world @ p, float) for f, p in T_world_board.items()}
     left = _per_view(used, refined)
-    alone = [_rms(np.concatenate(_misses(board, camera, fit))) for camera, fit in zip(chosen, fits)]
-    report = CalibrationReport(
-        board.text,
-        refined.sigma_px,
-        tuple(
-            camera_report(rig.cameras[c], cameras[c], used[c], left[c], alone[c], refined, c)
-            for c in range(len(used))
-        ),
-        pair_reports(rig, used, disagreement),
-        tuple(_warnings(board, fits, refined)),
-        tuple(_told_apart(board, cameras, fits, pair) for pair in apart),
-    )
-    return RigCalibration(rig, report, boards, used, left)
+    reports = [
+        camera_report(
+            rig.cameras[c],
+            cameras[c],
+            used[c],
+            left[c],
+            _rms(np.concatenate(_misses(board, fit))),
+            refined,
+            c,
+        )
+        for c, fit in enumerate(fits)
+    ]
+    report = {
+        "board": board.text,
+        "sigma_px": refined.sigma_px,
+        "cameras": reports,
+        "pairs": pair_reports(rig, used, disagreement),
+        "warnings": [*_warnings(board, fits, refined), *chain(*map(_doubts, reports))],
+        "contradictions": [_told_apart(board, cameras, fits, pair) for pair in apart],
+    }
+    return RigCalibration(rig, report, T_world_board, used, left)
 
 
 def _told_apart(
@@ -146,36 +154,33 @@ def _told_apart(
     )
 
 
-def _fit_lens(
-    board: Board, camera: CameraViews, settings: CalibrationSettings
-) -> tuple[CameraViews, _LensFit]:
-    """Return one camera's lens from its own views, and the views without those that do not fit."""
-    known = _known_lens(camera, settings)
+def _fit_lens(board: Board, camera: CameraViews, settings: CalibrationSettings) -> _LensFit:
+    """Return one camera's lens from its own views, without those that do not fit."""
     views = camera.views
-    least = 1 if known is not None else _LEAST_VIEWS
+    least = 1 if camera.name in settings.known else _LEAST_VIEWS
     if len(views) < least:
         raise HandtrackError(
             f"camera '{camera.name}': the board was found in {len(views)} of {camera.tried} images; "
             f"at least {least} are needed, in different tilts, and 15 or more are good. Record more, "
             "or give images for the lens alone with --intrinsics."
         )
-    if known is not None:
-        return camera, _with_known_lens(board, camera, known)
+    if camera.name in settings.known:
+        return _with_known_lens(board, camera, settings.known[camera.name])
     fit = _cv2_fit(board, camera, settings)
-    errors = np.array([_rms(off) for off in _misses(board, camera, fit)])
+    errors = np.array([_rms(off) for off in _misses(board, fit)])
     limit = max(_WRONG_VIEW * float(np.median(errors)), _WRONG_VIEW_PX)
     good = errors <= limit
     if good.all() or good.sum() < _LEAST_VIEWS:
-        return camera, fit
+        return fit
     fitting = {id(view) for view, fine in zip(views, good, strict=True) if fine}
-    kept = camera.only(lambda view: id(view) in fitting)
     dropped = tuple(
         f"camera '{camera.name}': left out {view.source or f'frame {view.frame}'}, which misses the "
         f"board by {error:.1f} px (the others {np.median(errors[good]):.2f} px)."
         for view, error, fine in zip(views, errors, good)
         if not fine
     )
-    return kept, replace(_cv2_fit(board, kept, settings), dropped=dropped)
+    kept = camera.only(lambda view: id(view) in fitting)
+    return replace(_cv2_fit(board, kept, settings), dropped=dropped)
 
 
 def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -> _LensFit:
@@ -198,18 +203,8 @@ def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -
             f"camera '{camera.name}': its lens cannot be told from {len(views)} views ({error.err}). "
             "They may all be square on to the camera; record tilted ones too."
         ) from None
-    found = np.zeros(5)
-    found[: min(5, distortions.size)] = np.ravel(distortions)[:5]
-    poses = tuple(
-        _pose_matrix(np.concatenate([np.ravel(turn), np.ravel(shift)]).astype(float))
-        for turn, shift in zip(turns, shifts)
-    )
-    return _LensFit(np.array(matrix, dtype=float), found, poses, ())
-
-
-def _known_lens(camera: CameraViews, settings: CalibrationSettings) -> Camera | None:
-    known = settings.known
-    return known[camera.name] if known is not None and camera.name in known else None
+    poses = tuple(_pose_matrix(np.ravel(pose).astype(float)) for pose in zip(turns, shifts))
+    return _LensFit(camera, np.array(matrix, float), np.ravel(distortions)[:5].astype(float), poses)
 
 
 def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _LensFit:
@@ -218,22 +213,20 @@ def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _LensF
             f"camera '{camera.name}': its known lens is for {known.size[0]} x {known.size[1]}, the "
             f"images are {camera.size[0]} x {camera.size[1]}."
         )
-    if np.any(known.distortions[5:]):
+    distortions = five_or_more(known.distortions)
+    if len(distortions) > 5:
         raise HandtrackError(
             f"camera '{camera.name}': its known lens has {len(known.distortions)} distortion "
             "coefficients; expected k1 k2 p1 p2 k3. Calibrate the lens anew."
         )
-    distortions = np.zeros(5)
-    distortions[: min(5, len(known.distortions))] = known.distortions[:5]
-    views = camera.views
-    poses = tuple(pose_of_view(view, board, known.matrix, distortions) for view in views)
-    return _LensFit(np.array(known.matrix), distortions, poses, ())
+    poses = (pose_of_view(view, board, known.matrix, distortions) for view in camera.views)
+    return _LensFit(camera, known.matrix, distortions, tuple(poses))
 
 
-def _misses(board: Board, camera: CameraViews, fit: _LensFit) -> list[Floats[N, D2]]:
+def _misses(board: Board, fit: _LensFit) -> list[Floats[N, D2]]:
     """Return each view's corners, seen − predicted [px]."""
     found = []
-    for view, pose in zip(camera.views, fit.poses):
+    for view, pose in zip(fit.camera.views, fit.poses):
         turn, _ = cv2.Rodrigues(pose[:3, :3])
         pixels, _ = cv2.projectPoints(
             board.points[view.ids], turn, pose[:3, 3], fit.matrix, fit.distortions
@@ -242,24 +235,14 @@ def _misses(board: Board, camera: CameraViews, fit: _LensFit) -> list[Floats[N, 
     return found
 
 
-def _free_lens(cameras: Sequence[CameraViews], settings: CalibrationSettings) -> Array:
-    free = np.ones((len(cameras), 9), dtype=bool)
-    free[:, 6:8] &= settings.tangential
-    free[:, 8] &= settings.k3
-    for row, camera in zip(free, cameras):
-        if _known_lens(camera, settings) is not None:
-            row[:] = False
-    return free
-
-
 def _assembled(
     board: Board,
     cameras: Sequence[CameraViews],
     T_camera_world: Floats[C, D4, D4],
     T_world_board: dict[int, Floats],
     fits: Sequence[_LensFit],
-) -> tuple[Corners, RigState, dict[int, int]]:
-    """Return all corners in one list, the start of the refinement, and the view index by frame."""
+) -> tuple[Corners, RigState]:
+    """Return all corners in one list, and the start of the refinement: its first views are the shared ones, by frame."""
     frames = {frame: i for i, frame in enumerate(sorted(T_world_board))}
     view_poses = [T_world_board[frame] for frame in frames]
     parts: list[tuple[int, int, BoardView]] = []
@@ -282,7 +265,7 @@ def _assembled(
         np.stack([_pose_vector(pose) for pose in T_camera_world]),
         np.stack([_pose_vector(pose) for pose in view_poses]),
     )
-    return corners, state, frames
+    return corners, state
 
 
 def _per_view(cameras: Sequence[CameraViews], refined: Refined) -> tuple[tuple[Floats, ...], ...]:
@@ -291,37 +274,13 @@ def _per_view(cameras: Sequence[CameraViews], refined: Refined) -> tuple[tuple[F
     return tuple(tuple(islice(parts, len(camera.views))) for camera in cameras)
 
 
-def _rig(cameras: Sequence[CameraViews], state: RigState, T_new_world: Floats) -> CameraRig:
+def _rig(cameras: Sequence[CameraViews], state: RigState, T_world_new: Floats) -> CameraRig:
     made = []
-    world = np.linalg.inv(T_new_world)
-    for camera, lens, pose in zip(cameras, state.lens, state.camera, strict=True):
-        T_camera_new = _pose_matrix(pose) @ world
-        made.append(
-            Camera(
-                camera.name,
-                camera.size,
-                lens_matrix(lens),
-                lens[4:],
-                T_camera_new[:3, :3],
-                T_camera_new[:3, 3],
-            )
-        )
+    for seen, lens, pose in zip(cameras, state.lens, state.camera, strict=True):
+        rotation, shift = np.hsplit((_pose_matrix(pose) @ T_world_new)[:3], [3])
+        matrix = camera_matrix(*lens[:4])
+        made.append(Camera(seen.name, seen.size, matrix, lens[4:], rotation, shift[:, 0]))
     return CameraRig(tuple(made))
-
-
-def _check_world_name(world: str, cameras: Sequence[CameraViews]) -> None:
-    kind, _, name = world.partition(":")
-    names = [camera.name for camera in cameras]
-    frames = {view.frame for camera in cameras for view in camera.shared}
-    if world == "" or (kind == "camera" and name in names):
-        return
-    if kind == "board" and name.isdecimal() and int(name) in frames:
-        return
-    shown = ", ".join(map(str, sorted(frames)[:12]))
-    raise HandtrackError(
-        f"--world {world}: expected camera:NAME (of {', '.join(names)}) or board:FRAME, a frame in "
-        f"which the board was found ({shown}{' …' if len(frames) > 12 else ''})."
-    )
 
 
 def _new_world(
@@ -329,18 +288,16 @@ def _new_world(
 ) -> Floats:
     """Return T_new_world (4, 4). On a board z points out of the print: up, where it lies on a table."""
     kind, _, name = world.partition(":")
-    if kind == "camera":
-        index = [camera.name for camera in cameras].index(name)
-        return _pose_matrix(state.camera[index])
-    if kind == "board":
-        if int(name) not in T_world_board:
-            frames = ", ".join(map(str, sorted(T_world_board)))
-            raise HandtrackError(
-                f"--world {world}: that view was not among those chosen; choose one of {frames}."
-            )
+    names = [camera.name for camera in cameras]
+    if kind == "board" and name.isdecimal() and int(name) in T_world_board:
         out_of_print = np.diag([1.0, -1.0, -1.0, 1.0])
         return out_of_print @ np.linalg.inv(T_world_board[int(name)])
-    return _pose_matrix(state.camera[0])
+    if world and (kind != "camera" or name not in names):
+        raise HandtrackError(
+            f"--world {world}: expected camera:NAME (of {', '.join(names)}) or board:FRAME, of the frames in "
+            f"which the board was found those chosen ({', '.join(map(str, T_world_board))})."
+        )
+    return _pose_matrix(state.camera[names.index(name) if name else 0])
 
 
 def _warnings(board: Board, fits: Sequence[_LensFit], refined: Refined) -> Iterator[str]:
@@ -406,7 +363,7 @@ def common_frames(a: CameraViews, b: CameraViews) -> list[int]:
 
 
 def place_cameras(
-    cameras: Sequence[CameraViews], poses: Sequence[dict[int, Floats[D4, D4]]], board: Board
+    fits: Sequence[_LensFit], board: Board
 ) -> tuple[
     tuple[CameraViews, ...],
     Floats[C, D4, D4],
@@ -417,20 +374,17 @@ def place_cameras(
     T_camera_world; T_world_board by frame, of shared views; and by which median share of the board's distance common views disagree
     about a pair.
 
-    poses: per camera T_camera_board by frame. Raises HandtrackError naming the groups of cameras that
-    share no view.
+    Raises HandtrackError naming the groups of cameras that share no view.
     """
-    edges = {
-        (i, j): common_frames(cameras[i], cameras[j])
-        for i in range(len(cameras))
-        for j in range(i + 1, len(cameras))
-    }
+    cameras = [fit.camera for fit in fits]
+    pairs = combinations(range(len(cameras)), 2)
+    edges = {(i, j): common_frames(cameras[i], cameras[j]) for i, j in pairs}
     _require_connected(cameras, edges)
     turns = _turn_transforms(board)
-    poses = [dict(own) for own in poses]
+    poses = [{v.frame: pose for v, pose in zip(f.camera.shared, f.poses)} for f in fits]
     placed: dict[int, Floats] = {0: np.eye(4)}
     boards = dict(poses[0])
-    renumbered = list(cameras)
+    renumbered = cameras.copy()
     disagreement: dict[tuple[str, str], float] = {}
     while len(placed) < len(cameras):
         near, new = max(
@@ -443,7 +397,8 @@ def place_cameras(
         )
         disagreement[cameras[near].name, cameras[new].name] = off
         placed[new] = T_new_near @ placed[near]
-        renumbered[new] = _renumbered(cameras[new], poses[new], placed[new], boards, turns, board)
+        expected = {frame: placed[new] @ pose for frame, pose in boards.items()}
+        renumbered[new] = _renumbered(cameras[new], poses[new], expected, turns, board)
         for frame, pose in poses[new].items():
             boards.setdefault(frame, np.linalg.inv(placed[new]) @ pose)
     T_camera_world = np.stack([placed[i] for i in range(len(cameras))])
@@ -471,15 +426,15 @@ def frame_offset(
 def _require_connected(
     cameras: Sequence[CameraViews], edges: dict[tuple[int, int], list[int]]
 ) -> None:
-    group = list(range(len(cameras)))
-    for (i, j), frames in edges.items():
-        if frames:
-            group = [group[i] if g == group[j] else g for g in group]
-    names = [
-        ", ".join(f"'{camera.name}'" for camera, g in zip(cameras, group) if g == one)
-        for one in dict.fromkeys(group)
-    ]
-    if len(names) > 1:
+    shared = np.zeros((len(cameras),) * 2, dtype=bool)
+    for pair, frames in edges.items():
+        shared[pair] = bool(frames)
+    count, group = connected_components(shared, directed=False)
+    if count > 1:
+        names = [
+            ", ".join(f"'{camera.name}'" for camera, g in zip(cameras, group) if g == one)
+            for one in range(count)
+        ]
         raise HandtrackError(
             f"the cameras fall into groups that share no view of the board: {' | '.join(names)}. "
             "Frames are matched by number (a video's frame, the last digits of a file's name). Show "
@@ -509,23 +464,18 @@ def _agreed(news: list[Floats], nears: list[Floats], turns: list[Floats]) -> tup
         [[a @ turn @ np.linalg.inv(b) for turn in turns] for a, b in zip(news, nears, strict=True)]
     )  # (V, S, 4, 4)
     distance = float(np.median([np.linalg.norm(b[:3, 3]) for b in [*news, *nears]]))
-    best, best_off, best_choice = proposals[0, 0], np.inf, None
-    for candidate in proposals.reshape(-1, 4, 4):
-        off = _disagreements(candidate, proposals, distance)
-        nearest = off.argmin(axis=1)
-        middle = float(np.median(off.min(axis=1)))
-        if middle < best_off:
-            best, best_off, best_choice = candidate, middle, nearest
-    if best_choice is None or len(news) == 1:
-        return best, 0.0
-    chosen = proposals[np.arange(len(proposals)), best_choice]
-    off = _disagreements(best, chosen[:, None], distance)[:, 0]
-    agreeing = chosen[off <= max(2 * best_off, 1e-6)]
+    candidates = proposals.reshape(-1, 4, 4)
+    apart = [_disagreements(candidate, proposals, distance) for candidate in candidates]
+    middles = [np.median(off.min(axis=1)) for off in apart]
+    best = int(np.argmin(middles))
+    chosen = proposals[np.arange(len(proposals)), apart[best].argmin(axis=1)]
+    off = _disagreements(candidates[best], chosen, distance)
+    agreeing = chosen[off <= max(2 * middles[best], 1e-6)]
     mean = _transform(
         Rotation.from_matrix(agreeing[:, :3, :3]).mean().as_matrix(),
         np.median(agreeing[:, :3, 3], axis=0),
     )
-    return mean, float(np.median(_disagreements(mean, chosen[:, None], distance)))
+    return mean, float(np.median(_disagreements(mean, chosen, distance)))
 
 
 def _disagreements(pose: Floats, others: Floats, distance: float) -> Floats:
@@ -539,23 +489,20 @@ def _disagreements(pose: Floats, others: Floats, distance: float) -> Floats:
 def _renumbered(
     camera: CameraViews,
     poses: dict[int, Floats],
-    T_camera_world: Floats,
-    boards: dict[int, Floats],
+    expected: Mapping[int, Floats],
     turns: list[Floats],
     board: Board,
 ) -> CameraViews:
-    """Return the camera's views numbered as the boards already placed are; poses are turned along."""
+    """Return the camera's views numbered as the boards already placed are expected; poses are turned along."""
     views = []
     for view in camera.shared:
-        if view.frame in boards and len(turns) > 1:
-            expected = T_camera_world @ boards[view.frame]
+        if view.frame in expected and len(turns) > 1:
+            board_there = expected[view.frame]
             ways = [poses[view.frame] @ turn for turn in turns]
-            distance = float(np.linalg.norm(expected[:3, 3]))
-            off = _disagreements(expected, np.stack(ways), distance)
-            best = int(off.argmin())
+            distance = float(np.linalg.norm(board_there[:3, 3]))
+            best = int(_disagreements(board_there, np.stack(ways), distance).argmin())
             poses[view.frame] = ways[best]
-            inverse = np.argsort(board.turns[best])
-            view = replace(view, ids=inverse[view.ids])
+            view = replace(view, ids=np.argsort(board.turns[best])[view.ids])
         views.append(view)
     return replace(camera, shared=tuple(views))
 
@@ -567,66 +514,39 @@ _GRID = (8, 6)  # cells of the image in which corners are counted
 _WORST = 3
 
 
-@dataclass(frozen=True)
-class CalibrationReport:
-    """All of it, as it is written in JSON."""
-
-    board: str
-    sigma_px: float
-    """robust standard deviation of one coordinate of a corner"""
-    cameras: tuple[dict[str, Any], ...]
-    """see `camera_report`"""
-    pairs: tuple[dict[str, Any], ...]
-    """see `pair_reports`"""
-    warnings: tuple[str, ...]
-    contradictions: tuple[str, ...] = ()
-    """pairs of cameras whose common views contradict one another: the rig is not to be used"""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain numbers, lists and texts, for JSON."""
-        return {**asdict(self), "warnings": [*self.warnings, *self.doubts]}
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """What the numbers themselves say against the calibration."""
-        found: list[str] = []
-        for camera in self.cameras:
-            found += _doubts(camera)
-        return tuple(found)
-
-    def text(self) -> str:
-        """Return the report as lines for a terminal."""
-        lines = [
-            f"board {self.board}; corners scatter by {self.sigma_px:.3f} px in each direction",
-            "",
+def report_text(report: dict[str, Any]) -> str:
+    """Return a calibration's report as lines for a terminal."""
+    lines = [
+        f"board {report['board']}; corners scatter by {report['sigma_px']:.3f} px in each direction",
+        "",
+        "camera          images  found  used   rms px   alone   covered  worst views",
+    ]
+    for camera in report["cameras"]:
+        worst = sorted(camera["views"], key=lambda view: -view["rms_px"])[:_WORST]
+        shown = ", ".join(f"{_short(view)} {view['rms_px']:.2f}" for view in worst)
+        lines.append(
+            f"{camera['name']:15s} {camera['images']:6d} {camera['found']:6d} {camera['used']:5d}  {camera['rms_px']:7.3f} "
+            f"{camera['rms_alone_px']:7.3f}  {100 * camera['coverage']:6.0f} %  {shown}"
+        )
+    for camera in report["cameras"]:
+        numbers = [
+            f"{name} {value:.5g}" + (f" ±{std:.2g}" if std else " fixed")
+            for (name, value), std in zip(camera["lens"].items(), camera["lens_std"].values())
         ]
-        lines.append("camera          images  found  used   rms px   alone   covered  worst views")
-        for camera in self.cameras:
-            worst = sorted(camera["views"], key=lambda view: -view["rms_px"])[:_WORST]
-            shown = ", ".join(f"{_short(view)} {view['rms_px']:.2f}" for view in worst)
-            lines.append(
-                f"{camera['name']:15s} {camera['images']:6d} {camera['found']:6d} {camera['used']:5d}  {camera['rms_px']:7.3f} "
-                f"{camera['rms_alone_px']:7.3f}  {100 * camera['coverage']:6.0f} %  {shown}"
-            )
-        for camera in self.cameras:
-            numbers = [
-                f"{name} {value:.5g}" + (f" ±{std:.2g}" if std else " fixed")
-                for (name, value), std in zip(camera["lens"].items(), camera["lens_std"].values())
-            ]
-            lines += [
-                "",
-                f"{camera['name']}: " + "  ".join(numbers[:4]),
-                "   " + "  ".join(numbers[4:]),
-                f"   skew that would fit: {camera['skew_px']:.2f} ±{camera['skew_std_px']:.2f} px (held at 0)",
-            ]
-        if self.pairs:
-            lines += ["", "pair                            baseline mm   angle °   common views"]
-            lines += [
-                f"{' – '.join(pair['names']):30s}  {1e3 * pair['baseline_m']:11.2f} {pair['angle_deg']:9.2f} {pair['common_views']:14d}"
-                for pair in self.pairs
-            ]
-        notes = (*self.contradictions, *self.warnings, *self.doubts)
-        return "\n".join([*lines, *(["", *(f"note: {note}" for note in notes)] if notes else [])])
+        lines += [
+            "",
+            f"{camera['name']}: " + "  ".join(numbers[:4]),
+            "   " + "  ".join(numbers[4:]),
+            f"   skew that would fit: {camera['skew_px']:.2f} ±{camera['skew_std_px']:.2f} px (held at 0)",
+        ]
+    if report["pairs"]:
+        lines += ["", "pair                            baseline mm   angle °   common views"]
+    lines += [
+        f"{' – '.join(pair['names']):30s}  {1e3 * pair['baseline_m']:11.2f} {pair['angle_deg']:9.2f} {pair['common_views']:14d}"
+        for pair in report["pairs"]
+    ]
+    notes = [f"note: {note}" for note in (*report["contradictions"], *report["warnings"])]
+    return "\n".join([*lines, *([""] if notes else []), *notes])
 
 
 def camera_report(
@@ -676,7 +596,7 @@ def camera_report(
 
 def pair_reports(
     rig: CameraRig, used: Sequence[CameraViews], disagreement: dict[tuple[str, str], float]
-) -> tuple[dict[str, Any], ...]:
+) -> list[dict[str, Any]]:
     """Return all pairs that share a view, or that placed a camera: their distance, and the angle between their directions."""
     found = []
     for (a, b), (seen_a, seen_b) in zip(combinations(rig, 2), combinations(used, 2), strict=True):
@@ -691,7 +611,7 @@ def pair_reports(
                     "common_views": common,
                 }
             )
-    return tuple(found)
+    return found
 
 
 def _rms(off: Floats) -> float:

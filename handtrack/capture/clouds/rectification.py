@@ -12,7 +12,7 @@ import numpy as np
 from handtrack.arrays import D2, D3, Array, Axes, Floats, H, K, L, N, W, array_dataclass, pixel_grid
 from handtrack.capture.images.raw_frames import level_line_at
 from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import Camera
+from handtrack.geometry.camera import Camera, camera_matrix
 from handtrack.geometry.lens import remap_source
 
 _BORDER_STEPS = 25  # points along each side of an image when its rectified place is looked for
@@ -144,7 +144,7 @@ def rectified(first: Camera, second: Camera) -> RectifiedPair:
     virtual = []
     for camera, (low, high) in zip((left, right), columns):
         middle = (low + high) / 2 - (width - 1) / 2
-        matrix = np.array([[focal, 0, -middle], [0, focal, -rows[0]], [0, 0, 1]])
+        matrix = camera_matrix(focal, focal, -middle, -rows[0])
         virtual.append(
             Camera(
                 f"{camera.name} rectified",

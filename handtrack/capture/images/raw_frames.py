@@ -253,12 +253,13 @@ class MosaicFiles(ImageFiles):
         method: str | None = None,
         expected_size: tuple[int, int] | None = None,
         where: str = "",
+        in_order: bool = False,
     ) -> None:
         """pattern: colours of the first 2 x 2 pixels, row by row: RGGB, BGGR, GRBG or GBRG. white_level: the value that becomes 255;
         None: 255 of 8 bit files, and of 16 bit ones the level that the brightest half per cent of the first readable file exceeds; the
         same for all frames, so that colours stay. method: how the missing colours are found, see `demosaic`.
         """
-        super().__init__(paths, RAW, expected_size, where)
+        super().__init__(paths, RAW, expected_size, where, in_order)
         self._pattern, self._method = pattern, method or METHODS[0]
         self._white = self._said_white = white_level
         self._doubts: tuple[str, ...] = ()

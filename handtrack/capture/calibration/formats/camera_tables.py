@@ -16,13 +16,13 @@ from handtrack.capture.calibration.formats.imported_rig import (
     ImportedCamera,
     ImportedRig,
     is_fisheye,
-    matrix_of,
     numbers,
     rotation_of,
     whole_size,
 )
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import metres_in
+from handtrack.geometry.camera import camera_matrix
 from handtrack.geometry.source_lens import FISHEYE_COUNT
 
 _NAMES = {
@@ -269,10 +269,10 @@ def _matrix(table: Mapping[str, Any], known: Mapping[str, Any], where: str) -> F
         values = numbers(
             [plain.get(key) for key in ("fx", "fy", "cx", "cy")], f"{where}, fx fy cx cy"
         )
-        return matrix_of(*values.tolist())
+        return camera_matrix(*values.tolist())
     value = numbers(known["matrix"], f"{where}, matrix")
     if value.shape == (4,):
-        return matrix_of(*value.tolist())
+        return camera_matrix(*value.tolist())
     return numbers(value, f"{where}, matrix", (3, 3))
 
 

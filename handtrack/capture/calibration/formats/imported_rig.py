@@ -184,11 +184,6 @@ def whole_size(value: Any, where: str) -> tuple[int, int]:
     return int(size[0]), int(size[1])
 
 
-def matrix_of(fx: float, fy: float, cx: float, cy: float) -> Floats[D3, D3]:
-    """Return [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]."""
-    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-
-
 def rotation_of(value: Any, where: str) -> Floats[D3, D3]:
     """Return a rotation given as matrix or rotation vector [rad]. Raises HandtrackError."""
     what = "a rotation matrix of 3 x 3 or a rotation vector of 3 (Rodrigues), world to camera"

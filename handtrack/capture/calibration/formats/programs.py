@@ -20,7 +20,6 @@ from handtrack.capture.calibration.formats.imported_rig import (
     ImportedCamera,
     ImportedRig,
     is_fisheye,
-    matrix_of,
     numbers,
     numbers_at,
     rotation_of,
@@ -28,6 +27,7 @@ from handtrack.capture.calibration.formats.imported_rig import (
 )
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import check_file, metres_in
+from handtrack.geometry.camera import camera_matrix
 from handtrack.geometry.rotation import matrix_from_quaternion
 
 _T = TypeVar("_T")
@@ -66,7 +66,7 @@ def read_kalibr(tree: Any, where: str) -> ImportedRig | None:
         size = None
         if "resolution" in table:
             size = whole_size(table["resolution"], f"{place}, resolution")
-        matrix = matrix_of(*values.tolist())
+        matrix = camera_matrix(*values.tolist())
         cameras.append(
             ImportedCamera(str(name), size, matrix, bent, pose[:3, :3], pose[:3, 3], fisheye)
         )
@@ -161,7 +161,7 @@ def _matlab_matrix(part: Mapping[str, Any], where: str) -> Floats[D3, D3]:
             matrix = matrix.T
     elif "FocalLength" in table and "PrincipalPoint" in table:
         lengths = [numbers_at(table, key, where, (2,)) for key in ("FocalLength", "PrincipalPoint")]
-        matrix = matrix_of(*np.concatenate(lengths).tolist())
+        matrix = camera_matrix(*np.concatenate(lengths).tolist())
     else:
         raise HandtrackError(f"{where}: neither K, nor IntrinsicMatrix, nor FocalLength. {_HOW}")
     matrix = matrix.copy()
@@ -187,7 +187,7 @@ def read_bouguet(tree: Any, where: str) -> ImportedRig | None:
     cameras = []
     for side, pose in (("left", (np.eye(3), np.zeros(3))), ("right", second)):
         focal, centre = (numbers_at(tree, f"{n}_{side}", where, (2,)) for n in ("fc", "cc"))
-        matrix = matrix_of(*focal.tolist(), *centre.tolist())
+        matrix = camera_matrix(*focal.tolist(), *centre.tolist())
         if f"alpha_c_{side}" in tree:
             matrix[0, 1] = focal[0] * numbers_at(tree, f"alpha_c_{side}", where).ravel()[0]
         bent = numbers_at(tree, f"kc_{side}", where).ravel()
@@ -242,7 +242,7 @@ def _qualisys_camera(element: Element, where: str) -> ImportedCamera:
         left = top = 0.0
         most = _attributes(intrinsic, "sensorMaxU sensorMaxV", where)
         size = math.ceil((most[0] + 1) / _PER_PIXEL), math.ceil((most[1] + 1) / _PER_PIXEL)
-    matrix = matrix_of(fx, fy, cx - left, cy - top)
+    matrix = camera_matrix(fx, fy, cx - left, cy - top)
     matrix[0, 1] = skew
     turned = _attributes(transform, "r11 r12 r13 r21 r22 r23 r31 r32 r33", where).reshape(3, 3)
     rotation = _TO_OPENCV @ turned
@@ -287,7 +287,7 @@ def read_splatting(tree: Any, where: str) -> ImportedRig | None:
         centre = numbers_at(table, "position", place, (3,))
         size = whole_size([table["width"], table["height"]], f"{place}, width and height")
         fx, fy = numbers([table["fx"], table["fy"]], f"{place}, fx and fy").tolist()
-        matrix = matrix_of(fx, fy, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+        matrix = camera_matrix(fx, fy, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
         name = str(table["img_name"]).rsplit(".", 1)[0]
         cameras.append(
             ImportedCamera(name, size, matrix, np.zeros(5), turned.T, -turned.T @ centre)
@@ -326,7 +326,7 @@ def read_nerf(tree: Any, where: str) -> ImportedRig | None:
         keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
         bent = numbers([table.get(key, 0.0) for key in keys], f"{place}, {' '.join(keys)}")
         turned = (pose[:3, :3] * [1, -1, -1]).T
-        matrix = matrix_of(fx, fy, cx - 0.5, cy - 0.5)
+        matrix = camera_matrix(fx, fy, cx - 0.5, cy - 0.5)
         name = re.sub(r"\.\w+$", "", name.rsplit("/", 1)[-1])
         cameras.append(
             ImportedCamera(name, size, matrix, bent, turned, -turned @ pose[:3, 3], fisheye)
@@ -512,7 +512,7 @@ def _colmap_lens(
         )
     given = dict(zip(places, numbers(parameters, where).tolist(), strict=True))
     focal = given.get("f", 0.0)
-    matrix = matrix_of(
+    matrix = camera_matrix(
         given.get("fx", focal), given.get("fy", focal), given["cx"] - 0.5, given["cy"] - 0.5
     )
     fisheye = model.endswith("FISHEYE")
