@@ -7,7 +7,6 @@ shape β and pose θ correct. Keypoints are the 16 joints that J regresses and f
 from __future__ import annotations
 
 import codecs
-import json
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -32,7 +31,6 @@ from handtrack.arrays import (
 )
 from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
-from handtrack.files.atomic import replace_text
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.text_files import check_file, first_bytes
 from handtrack.geometry.rotation import rotation_matrix
@@ -179,7 +177,7 @@ def fit_mano(model: ManoModel, table: ResultsTable) -> dict[str, Array[*Axes]]:
     }
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write `betas`, `global_orient`, `hand_pose` (45 numbers, flat_hand_mean=True), `transl` [rad, m] by frame, and how far the
     fitted keypoints are from ours. The model file is `table.mano`. Raises HandtrackError without one, or where it is of the
     other hand.
@@ -201,14 +199,6 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         "side": np.array(table.track.side),
     }
     write_arrays(path, arrays)
-    return [path]
-
-
-def write_init(path: Path, keypoints21: Floats[D21, D3], frame: int = 0) -> None:
-    """Write an init.json of keypoints world [m], from which `handtrack track --init` starts."""
-    points = np.asarray(keypoints21, float).tolist()
-    tree = {"frame": frame, "convention": "openpose21", "unit": "m", "xyz": points}
-    replace_text(path, json.dumps(tree) + "\n")
 
 
 def _poses(

@@ -14,8 +14,8 @@ from handtrack.errors import HandtrackError, unknown_name
 if TYPE_CHECKING:  # the list alone is wanted by the page, which solves nothing
     from handtrack.export.table import ResultsTable
 
-Write = Callable[[Path, "ResultsTable"], list[Path]]
-"""writes a file, and those that belong to it beside; returns them, the one asked for first. Raises HandtrackError."""
+Write = Callable[[Path, "ResultsTable"], list[Path] | None]
+"""writes a file, and those that belong to it beside; returns the latter, if there are any. Raises HandtrackError."""
 
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -73,7 +73,7 @@ class ExportFormat:
             table = self._standing(table, up)
         module, _, function = self.module.partition(":")
         write: Write = getattr(import_module(f"handtrack.export.{module}"), function or "write")
-        return write(path, table)
+        return [path, *(write(path, table) or ())]
 
     def _in_landmarks(self, table: ResultsTable, landmarks: str) -> ResultsTable:
         from handtrack.model.articulated import JOINT_CENTRES

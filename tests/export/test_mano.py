@@ -9,11 +9,11 @@ import scipy.sparse
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandtrackError
-from handtrack.export.mano import ManoModel, fit_mano, write_init
+from handtrack.export.mano import ManoModel, fit_mano
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
-from handtrack.session.first_pose.first_pose import read_first_pose
+from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
 from tests.export.sequences import sample_model, sample_sequence
 
 FINGERS = ("index", "middle", "little", "ring", "thumb")
@@ -80,7 +80,7 @@ def test_a_tracked_hand_is_exported_as_mano_near_its_keypoints(model_file, tmp_p
         points = keypoints_of(ManoModel.read(model_file), found)
         far = np.linalg.norm(points - track.keypoints21, axis=2).mean(axis=1)
         assert_allclose(far, found["keypoint_error_m"], atol=1e-9)
-    write_init(tmp_path / "init.json", points[0], 3)
+    write_first_pose(tmp_path / "init.json", FirstPose(3, xyz=points[0]))
     start = read_first_pose(tmp_path / "init.json", track.parameter_names)
     assert_allclose(start.xyz, points[0], atol=1e-9)
 

@@ -14,41 +14,37 @@ from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.geometry.rotation import quaternion_wxyz
 
-_HEADER = """std_msgs/Header header
-{fields}
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-_STATE = _HEADER.format(
-    fields="string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+
+def _schema(fields: str, *messages: str) -> str:
+    """Return a message's fields, and the messages that they hold, as ROS 2 writes them."""
+    return f"{'=' * 80}\nMSG: ".join((fields, *messages))
+
+
+_HEADER = (
+    "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
+    "builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
 )
-_POSE = (
-    _HEADER.format(fields="geometry_msgs/Pose pose")
-    + "=" * 80
-    + "\nMSG: geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"
-    + "=" * 80
-    + "\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
-    + "=" * 80
-    + "\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+_XYZ = "float64 x\nfloat64 y\nfloat64 z\n"
+_QUATERNION = f"geometry_msgs/Quaternion\n{_XYZ}float64 w\n"
+_STATE = _schema(
+    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
+    *_HEADER,
+)
+_POSE = _schema(
+    "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
+    *_HEADER,
+    "geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+    f"geometry_msgs/Point\n{_XYZ}",
+    _QUATERNION,
 )
 _TEXT = "string data\n"
-_TRANSFORMS = (
-    "geometry_msgs/TransformStamped[] transforms\n"
-    + "=" * 80
-    + "\nMSG: geometry_msgs/TransformStamped\n"
-    + _HEADER.format(fields="string child_frame_id\ngeometry_msgs/Transform transform")
-    + "=" * 80
-    + "\nMSG: geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n"
-    + "=" * 80
-    + "\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
-    + "=" * 80
-    + "\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+_TRANSFORMS = _schema(
+    "geometry_msgs/TransformStamped[] transforms\n",
+    "geometry_msgs/TransformStamped\nstd_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n",
+    *_HEADER,
+    "geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+    f"geometry_msgs/Vector3\n{_XYZ}",
+    _QUATERNION,
 )
 _LATCHED = (
     "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n  deadline: {sec: 2147483647, nsec: 4294967295}\n"
@@ -59,7 +55,7 @@ _LATCHED = (
 _NS = 1_000_000_000
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write `/joint_states` (sensor_msgs/JointState, the joints of `--to urdf`) and `/root_pose` (geometry_msgs/PoseStamped, of its
     base link in the frame `world`) for every frame, at its time since the recording's start, and the latter as `/tf`, too, by which
     viewers place the robot that `/robot_description` holds (the URDF's text, once). Lost frames have no messages.
@@ -102,7 +98,6 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
             ):
                 writer.add_message(channel, stamp, message, stamp, sequence=int(track.frame[i]))
         writer.finish()
-    return [path]
 
 
 def _cdr(*parts: str | tuple[Any, ...]) -> bytes:

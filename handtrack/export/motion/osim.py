@@ -29,7 +29,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     replace_text(path, osim_text(table.model))
     setup = beside(path.with_name(f"{path.stem}_ik.xml"))
     replace_text(setup, ik_text(table, path))
-    return [path, setup]
+    return [setup]
 
 
 def ik_text(table: ResultsTable, model: Path) -> str:
@@ -161,7 +161,7 @@ def _three_axes(axes: Floats[K, D3]) -> Floats[D3, D3]:
 # ---- MOT: the coordinates of the OpenSim model that osim.py writes, frame by frame [m, °]
 
 
-def write_mot(path: Path, table: ResultsTable) -> list[Path]:
+def write_mot(path: Path, table: ResultsTable) -> None:
     """Write all joint parameters by their names; the root's turn as three angles about x, y, z, each carried along by those
     before it, in place of the rotation vector. Lost frames hold the last estimate.
     """
@@ -187,7 +187,6 @@ def write_mot(path: Path, table: ResultsTable) -> list[Path]:
         for time_s, row in zip(track.time_s, shown, strict=True)
     ]
     replace_text(path, "\n".join(lines) + "\n")
-    return [path]
 
 
 def root_angles(rotation: Floats[F, D3, D3]) -> Floats[F, D3]:

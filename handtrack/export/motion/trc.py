@@ -12,7 +12,7 @@ from handtrack.files.atomic import replace_text, replacing
 _MM = 1e3
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write every named joint as a marker. Rows are at the recording's rate, frame numbers count from 1 as the format wants;
     points of lost frames are empty, which readers take for missing.
     """
@@ -32,7 +32,6 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         cells = [""] * (len(places) + 1) if lost else [f"{x:.5f}" for x in places]
         lines.append("\t".join([str(row + 1), f"{track.time_s[row]:.9g}", *cells]))
     replace_text(path, "\n".join(lines) + "\n")
-    return [path]
 
 
 def marker_name(joint: str) -> str:
@@ -43,7 +42,7 @@ def marker_name(joint: str) -> str:
 # ---- C3D: joints as markers [mm], for motion capture programs. Written by ezc3d
 
 
-def write_c3d(path: Path, table: ResultsTable) -> list[Path]:
+def write_c3d(path: Path, table: ResultsTable) -> None:
     """Write every named joint as a point. Its residual is the root of the mean variance [mm], −1 in lost frames: C3D's word for a
     point that was not seen.
     """
@@ -72,4 +71,3 @@ def write_c3d(path: Path, table: ResultsTable) -> list[Path]:
     file["data"]["meta_points"]["residuals"] = residuals
     with replacing(path) as part:
         file.write(str(part))
-    return [path]

@@ -46,7 +46,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         for i in range(len(track))
     )
     states = beside(path.with_name(f"{path.stem}_joint_states.csv"))
-    return [path, write_rows(states, header, rows)]
+    return [write_rows(states, header, rows)]
 
 
 def urdf_text(model: ArticulatedModel) -> str:

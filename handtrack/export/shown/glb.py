@@ -25,18 +25,10 @@ _SKIN_COLOUR = (0.87, 0.68, 0.57, 1.0)
 _KINDS = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write one skinned mesh, a joint for each bone, and an animation with a key at every frame: the root's place, every bone's
     turn. Metres; the axes are the world's of the recording (glTF means +y to be up). Lost frames hold the last estimate.
     """
-    data = glb_bytes(table)
-    with replacing(path) as part:
-        part.write_bytes(data)
-    return [path]
-
-
-def glb_bytes(table: ResultsTable) -> bytes:
-    """Return the file."""
     model, track, buffer = table.model, table.track, _Buffer()
     skeleton, skin = model.skeleton, model_skin(model)
     rest = model.bones(model.params_from({}))
@@ -94,7 +86,8 @@ def glb_bytes(table: ResultsTable) -> bytes:
             {"name": track.session or "track", "samplers": samplers, "channels": channels}
         ],
     }
-    return _packed(tree | buffer.tables, bytes(buffer.data))
+    with replacing(path) as part:
+        part.write_bytes(_packed(tree | buffer.tables, bytes(buffer.data)))
 
 
 def blended(model: ArticulatedModel, skin: PartMesh) -> tuple[Array[V, D4], Floats[V, D4]]:
@@ -130,9 +123,8 @@ def blended(model: ArticulatedModel, skin: PartMesh) -> tuple[Array[V, D4], Floa
 def local_poses(T_world_bone: Floats[F, B, D4, D4], parent: Array[B]) -> Floats[F, B, D4, D4]:
     """Return each bone's pose in its parent's frame, the root's in the world."""
     local = T_world_bone.copy()
-    for bone, above in enumerate(parent):
-        if above >= 0:
-            local[:, bone] = np.linalg.solve(T_world_bone[:, above], T_world_bone[:, bone])
+    below = np.flatnonzero(parent >= 0)
+    local[:, below] = np.linalg.solve(T_world_bone[:, parent[below]], T_world_bone[:, below])
     return local
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from handtrack.arrays import D3, Array, F, Floats, H, Ints, J, W
@@ -31,13 +32,11 @@ _COLOURS = {
 _FLESH = (230, 190, 120)
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write a film with a picture for every frame: outline and bones over the image as it was taken, the frame's number and state.
 
     A camera without images shows its masks, one without either is left out. Raises HandtrackError where nothing is there.
     """
-    import cv2
-
     if table.session_folder is None:
         raise HandtrackError(
             f"{table.source} lies in no session, so that there are no images to draw on. Say where they are with --session DIR."
@@ -74,7 +73,6 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
             film.write(picture)
         assert film is not None, "a track has frames"
         film.release()
-    return [path]
 
 
 _Drawn = tuple[Ellipsoids, Floats[J, D3], list[tuple[int, int]]]
@@ -88,8 +86,6 @@ def _has_images(session: Session, name: str, frames: Ints[F]) -> bool:
 
 def _seen(session: Session, name: str, frame: int) -> Array | None:
     """Return an image BGR as it was taken; where there is none the mask, darker; None where there is neither."""
-    import cv2
-
     image = session.image(name, frame)
     if image is None:
         mask = session.mask(name, frame)
@@ -103,8 +99,6 @@ def _picture(
     session: Session, name: str, frame: int, drawn: _Drawn, status: Status, lost: bool
 ) -> Array[H, W, D3]:
     """Return an image as it was taken, made smaller, with the model over it; dark where there is none. A lost pose is not drawn."""
-    import cv2
-
     image, camera = _seen(session, name, frame), session.rig[name]
     across = 2 * round(_HEIGHT_PX * camera.size[0] / camera.size[1] / 2)  # codecs want even ones
     if image is None:

@@ -19,13 +19,12 @@ _PAGE = Path(__file__).with_name("playback.html")
 _DIGITS = 5  # of a metre or a quaternion: a hundredth of a millimetre
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write the page: the skin moved by the bones, joints, cameras, timeline with each frame's state and reason."""
     data = json.dumps(scene_of(table), separators=(",", ":")).replace("<", "\\u003c")
     page = _PAGE.read_text(encoding="utf-8")
     page = page.replace("$TITLE", html.escape(table.track.session or "handtrack"))
     replace_text(path, page.replace('"$DATA"', data))
-    return [path]
 
 
 def scene_of(table: ResultsTable) -> dict[str, Any]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,14 +28,8 @@ svg{width:100%;height:auto}svg text{font-size:11px;fill:var(--soft)}svg .grid{st
 """
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write the page."""
-    replace_text(path, report_page(table))
-    return [path]
-
-
-def report_page(table: ResultsTable) -> str:
-    """Return the page as HTML."""
     track = table.track
     title = html.escape(track.session or "A tracked sequence")
     parts = [
@@ -52,7 +45,7 @@ def report_page(table: ResultsTable) -> str:
         parts.append(curves(track.time_s, {"P": track.p_off_25mm}, "1"))
     spread = np.where(table.is_lost[:, None], np.nan, 1e3 * table.joint_std.max(axis=2))
     parts.append("<h2>Stated standard deviation of the joints</h2>")
-    shown = {"median": _across(np.median, spread), "largest": _across(np.max, spread)}
+    shown = {"median": np.median(spread, axis=1), "largest": spread.max(axis=1)}
     parts.append(curves(track.time_s, shown, "mm"))
     parts.append("<h2>Speed of the joints</h2>")
     parts.append(curves(track.time_s, {"median": _speed(table)}, "m/s"))
@@ -60,10 +53,11 @@ def report_page(table: ResultsTable) -> str:
         parts.append(f"<h2>{html.escape(name)}</h2>")
         parts.append(curves(track.time_s, angles, "°"))
     body = "\n".join(parts)
-    return (
+    page = (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><link rel="icon" href="data:,"><title>{title} · handtrack</title>'
         f"<style>{_STYLE}</style>\n{body}\n</html>\n"
     )
+    replace_text(path, page)
 
 
 def _about(table: ResultsTable) -> str:
@@ -151,13 +145,6 @@ def _angle_groups(table: ResultsTable) -> dict[str, dict[str, Floats[F]]]:
         for name, own in groups.items()
         for k in range(0, len(own), 5)
     }
-
-
-def _across(reduce: Callable[..., Any], values: Floats) -> Floats[F]:
-    known = np.isfinite(values).all(axis=1)
-    found = np.full(len(values), np.nan)
-    found[known] = reduce(values[known], axis=1)
-    return found
 
 
 WIDTH, HEIGHT = 860, 130

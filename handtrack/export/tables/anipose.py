@@ -13,7 +13,7 @@ from handtrack.tracking.frame.tables.labelled import joint_confidence
 _MM = 1e3
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write the table. `_score` is the confidence; `_error` [px] and `_ncams` are not known of a joint, which is no triangulated
     point: the first is empty, the second the session's number of cameras. Points of lost frames are empty.
     """
@@ -41,4 +41,4 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
             track.frame, places, joint_confidence(table.track), strict=True
         )
     )
-    return [write_rows(path, [*header, "fnum"], rows)]
+    write_rows(path, [*header, "fnum"], rows)

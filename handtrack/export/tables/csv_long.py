@@ -34,10 +34,10 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         for i, spread in enumerate(table.joint_std)
         for j, name in enumerate(track.joint_names)
     )
-    written = [write_rows(path, header, joints)]
+    write_rows(path, header, joints)
     angles = [*_FRAME, "convention", "angle", "value_deg", "std_deg"]
     rows = ([*frames[i], *rest] for i, rest in _angles(table))
-    written.append(write_rows(beside(path.with_stem(f"{path.stem}_angles")), angles, rows))
+    angles_file = write_rows(beside(path.with_stem(f"{path.stem}_angles")), angles, rows)
     bones = [*_FRAME, "bone", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
     turns = quaternion_wxyz(track.T_world_bone[..., :3, :3])
     carried = (
@@ -45,8 +45,8 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         for i in range(len(track))
         for b, name in enumerate(track.bone_names)
     )
-    written.append(write_rows(beside(path.with_stem(f"{path.stem}_bones")), bones, carried))
-    return [*written, write_sidecar(path, table, _MEANINGS)]
+    bones_file = write_rows(beside(path.with_stem(f"{path.stem}_bones")), bones, carried)
+    return [angles_file, bones_file, write_sidecar(path, table, _MEANINGS)]
 
 
 def _angles(table: ResultsTable) -> Iterator[tuple[int, list[str]]]:

@@ -12,16 +12,15 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.session.formats.tables import write_arrays, write_npz
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write the result as it was read."""
     write_npz(path, table.track)
-    return [path]
 
 
 # ---- Joint positions alone, in the form of a session's truth.npz (contracts §2)
 
 
-def write_keypoints(path: Path, table: ResultsTable) -> list[Path]:
+def write_keypoints(path: Path, table: ResultsTable) -> None:
     """Write joint positions by name, the 21 keypoints of hands, and whose points they are."""
     track = table.track
     arrays: dict[str, Array] = {
@@ -35,4 +34,3 @@ def write_keypoints(path: Path, table: ResultsTable) -> list[Path]:
         arrays["keypoint_names"] = np.asarray(keypoint_names())
         arrays["keypoints21"] = track.keypoints21
     write_arrays(path, arrays)
-    return [path]

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, Bytes, N
 from handtrack.export.shown.mesh import joint_links
 from handtrack.export.table import ArchiveMetadata, ResultsTable
 from handtrack.files.atomic import replacing
@@ -19,7 +18,7 @@ from handtrack.tracking.frame.result import is_length
 from handtrack.tracking.frame.tables.labelled import joint_confidence
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write the joints as an ndx-pose `PoseEstimation` in the module `behavior` [m], with confidences, and the parameters with
     their standard deviations as TimeSeries [m, rad]; NaN in lost frames. `handtrack export --metadata` says of subject and session
     what archives ask for; without it the subject is a person of unknown age and sex, and the begin of the session is when its
@@ -47,7 +46,8 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         )
         for j, name in enumerate(track.joint_names)
     ]
-    skeleton = made.Skeleton(name=track.model, nodes=list(track.joint_names), edges=_links(table))
+    links = np.array(joint_links(table.model), np.uint8).reshape(-1, 2)
+    skeleton = made.Skeleton(name=track.model, nodes=list(track.joint_names), edges=links)
     estimate = made.PoseEstimation(
         name="PoseEstimation",
         pose_estimation_series=series,
@@ -64,18 +64,17 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     lengths = np.array([is_length(name) for name in track.parameter_names])
     for unit, chosen in (("meters", lengths), ("radians", ~lengths)):
         names = ", ".join(n for n, own in zip(track.parameter_names, chosen, strict=True) if own)
-        for kind, values in (
-            ("parameters", track.parameters),
-            ("parameters_std", track.parameter_std),
+        for kind, what, values in (
+            ("parameters", "The model's parameters", track.parameters),
+            (
+                "parameters_std",
+                "Standard deviations of the model's parameters",
+                track.parameter_std,
+            ),
         ):
             data = np.where(table.is_lost[:, None] | ~np.isfinite(values), np.nan, values)[
                 :, chosen
             ]
-            what = (
-                "Standard deviations of the model's parameters"
-                if "std" in kind
-                else "The model's parameters"
-            )
             module.add(
                 whole.TimeSeries(
                     name=f"{kind}_{unit}",
@@ -87,7 +86,6 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
             )
     with replacing(path) as part, whole.NWBHDF5IO(str(part), "w") as writer:
         writer.write(file)
-    return [path]
 
 
 def _times(table: ResultsTable) -> dict[str, Any]:
@@ -131,8 +129,3 @@ def _file(whole: Any, table: ResultsTable) -> Any:
         keywords=["hand", "pose", "kinematics"],
         subject=subject,
     )
-
-
-def _links(table: ResultsTable) -> Bytes[N, D2]:
-    """Return pairs of joints that a chain of bones connects."""
-    return np.array(joint_links(table.model), np.uint8).reshape(-1, 2)

@@ -36,7 +36,7 @@ BODY_25 = _detectors_points(
 )
 
 
-def write(path: Path, table: ResultsTable) -> list[Path]:
+def write(path: Path, table: ResultsTable) -> None:
     """Write `{"frames": [{"frame", "time_s", "people": [{"hand_right_keypoints_3d": [x, y, z, confidence, …]}]}]}`, in metres of
     the world. Each frame's `people` is as in OpenPose's own files, of which there is one a frame. Raises HandtrackError for a
     skeleton of the user's own.
@@ -50,10 +50,9 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     told: dict[str, Any] = {"version": 1.3, "unit": "m", "names": list(names)}
     told |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
     replace_text(path, json.dumps(told) + "\n")
-    return [path]
 
 
-def write_files(path: Path, table: ResultsTable) -> list[Path]:
+def write_files(path: Path, table: ResultsTable) -> None:
     """Write a ZIP of `STEM_000000000003_keypoints.json`, a file a frame with all keys of OpenPose's, as `--write_json` does.
 
     What was not tracked is an empty list, as there. Raises HandtrackError for a skeleton of the user's own.
@@ -66,13 +65,12 @@ def write_files(path: Path, table: ResultsTable) -> list[Path]:
             told = {"version": 1.3, "people": [{**blank, **person} for person in those]}
             name = f"{path.stem}_{int(frame):012d}_keypoints.json"
             archive.writestr(zipfile.ZipInfo(name), json.dumps(told))
-    return [path]
 
 
 def _people(table: ResultsTable) -> tuple[list[list[dict[str, Any]]], tuple[str, ...]]:
     """Return the people of each frame in OpenPose's words, none where the pose is lost, and the points' names."""
-    key, names = _layout(table)
-    points, sure = ordered_points(table, names)
+    names, points, sure = _ordered_points(table, BODY_25)
+    key = f"{'pose' if names is BODY_25 else f'hand_{table.track.side}'}_keypoints_3d"
     rows = np.concatenate([points, sure[..., None]], axis=2)
     people = [
         [] if lost else [{"person_id": [-1], key: [round(float(x), 6) for x in row.ravel()]}]
@@ -81,20 +79,23 @@ def _people(table: ResultsTable) -> tuple[list[list[dict[str, Any]]], tuple[str,
     return people, names
 
 
-def ordered_points(
-    table: ResultsTable, names: tuple[str, ...]
-) -> tuple[Floats[F, K, D3], Floats[F, K]]:
-    """Return joints by names in another order [m], and confidences; zeros, with confidence 0, where there is no such joint."""
+def _ordered_points(
+    table: ResultsTable, of_body: tuple[str, ...]
+) -> tuple[tuple[str, ...], Floats[F, K, D3], Floats[F, K]]:
+    """Return the names of a hand's keypoints, or those given of a body; joints in this order [m], and confidences; zeros, with
+    confidence 0, where there is no such joint. Raises HandtrackError for a skeleton that is neither.
+    """
+    names = of_body if _is_body(table) else keypoint_names()
     track, sure = table.track, joint_confidence(table.track)
     points, known = np.zeros((len(track), len(names), 3)), np.zeros((len(track), len(names)))
     for k, name in enumerate(names):
         if name in track.joint_names:
             joint = track.joint_names.index(name)
             points[:, k], known[:, k] = track.joint_positions[:, joint], sure[:, joint]
-    return points, known
+    return names, points, known
 
 
-def is_body(table: ResultsTable) -> bool:
+def _is_body(table: ResultsTable) -> bool:
     """Return whether a sequence is of a body. Raises HandtrackError where it is neither that nor a whole hand."""
     joints = table.track.joint_names
     if set(keypoint_names()) <= set(joints):
@@ -105,12 +106,6 @@ def is_body(table: ResultsTable) -> bool:
         f"{table.source}: the model '{table.track.model}' is neither a whole hand nor a body, whose points this format lists; "
         f"its joints: {', '.join(joints)}. Choose csv, trc, c3d, anipose or netcdf, which take any joints."
     )
-
-
-def _layout(table: ResultsTable) -> tuple[str, tuple[str, ...]]:
-    if is_body(table):
-        return "pose_keypoints_3d", BODY_25
-    return f"hand_{table.track.side}_keypoints_3d", keypoint_names()
 
 
 # ---- MediaPipe's landmarks in space as JSON: hands of 21, bodies of 33; all frames in one file
@@ -124,15 +119,14 @@ POSE_33 = _detectors_points(
 """`left_toe` is its left_foot_index"""
 
 
-def write_mediapipe(path: Path, table: ResultsTable) -> list[Path]:
+def write_mediapipe(path: Path, table: ResultsTable) -> None:
     """Write `{"frames": [{"frame", "time_s", "hand_world_landmarks": [[{x, y, z, visibility} …]], "handedness": [[…]]}]}`, of a
     body `pose_world_landmarks`; in metres of the world, where MediaPipe has them from the hand's middle. Lists of lost frames
     are empty. Raises HandtrackError for a skeleton of the user's own.
     """
-    body = is_body(table)
-    names = POSE_33 if body else keypoint_names()
+    names, points, sure = _ordered_points(table, POSE_33)
+    body = names is POSE_33
     key = "pose_world_landmarks" if body else "hand_world_landmarks"
-    points, sure = ordered_points(table, names)
     track, side = table.track, table.track.side.capitalize()
     frames: list[dict[str, Any]] = []
     for row, lost in enumerate(table.is_lost):
@@ -148,7 +142,6 @@ def write_mediapipe(path: Path, table: ResultsTable) -> list[Path]:
     told: dict[str, Any] = {"unit": "m", "names": list(names)}
     told |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
     replace_text(path, json.dumps(told) + "\n")
-    return [path]
 
 
 # ---- `.pose` of pose-format, in which sign language research keeps skeletons: MediaPipe's points in space
@@ -178,7 +171,7 @@ _MEDIAPIPE = {
 }
 
 
-def write_pose(path: Path, table: ResultsTable) -> list[Path]:
+def write_pose(path: Path, table: ResultsTable) -> None:
     """Write one component, RIGHT_HAND_LANDMARKS, LEFT_HAND_LANDMARKS or POSE_WORLD_LANDMARKS, with confidence; in millimetres of
     the world. Lost frames are masked. Raises HandtrackError for a skeleton of the user's own.
     """
@@ -190,9 +183,8 @@ def write_pose(path: Path, table: ResultsTable) -> list[Path]:
         PoseHeaderDimensions,
     )
 
-    body = is_body(table)
-    names = POSE_33 if body else keypoint_names()
-    points, sure = ordered_points(table, names)
+    names, points, sure = _ordered_points(table, POSE_33)
+    body = names is POSE_33
     sure = np.where(table.is_lost[:, None], 0.0, sure)
     said = [name.upper() for name in names]
     if not body:
@@ -205,10 +197,7 @@ def write_pose(path: Path, table: ResultsTable) -> list[Path]:
     header = PoseHeader(
         0.2, PoseHeaderDimensions(*np.ceil(extent).astype(int).tolist()), [component]
     )
-    time_s = table.track.time_s
-    fps = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     data = (_MM * points)[:, None].astype(np.float32)
-    pose = Pose(header, NumPyPoseBody(fps, data, sure[:, None].astype(np.float32)))
+    pose = Pose(header, NumPyPoseBody(table.fps, data, sure[:, None].astype(np.float32)))
     with replacing(path) as draft, draft.open("wb") as file:
         pose.write(file)
-    return [path]
