@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from handtrack.arrays import D3, D21, Array, Axes, F, Floats, J, N
@@ -67,10 +69,15 @@ def _unit(v: Floats[F, D3]) -> Floats[F, D3]:
 
 
 def _median(values: Array[F, *Axes]) -> Floats[*Axes]:
-    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
-    known = np.isfinite(flat)
-    medians = [np.median(c[k]) if k.any() else np.nan for c, k in zip(flat.T, known.T, strict=True)]
-    return np.reshape(medians, values.shape[1:])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what is nowhere known
+        return np.nanmedian(np.where(np.isfinite(values), values, np.nan), axis=0)
+
+
+def known_median(values: Floats[*Axes]) -> float | None:
+    """Return the median of the values that are known; None where none is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None
 
 
 def mean_size(errors: Floats[*Axes]) -> float | None:

@@ -4,38 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, N, indices
-from handtrack.diagnostics.constant_offsets import mean_size, offset_free_errors, wrong_frames
+from handtrack.arrays import D3, Array, Floats, Ints, N, indices
+from handtrack.diagnostics.constant_offsets import (
+    known_median,
+    mean_size,
+    offset_free_errors,
+    wrong_frames,
+)
 from handtrack.diagnostics.flexion import flexion_errors
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import turn_between
 from handtrack.model.articulated import JOINT_CENTRES, keypoint_names
+from handtrack.observation.truth import Truth
 from handtrack.tracking.frame.result import Status, TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
 
 _CHI2_90 = 6.251388631170325  # 90 % of a 3D normal distribution lies within this squared distance
 _LEAST_STD_M = 1e-6  # a covariance flatter than this is taken as this thick
 _PCK_MM = np.linspace(0.0, 50.0, 101)
-
-
-class TruthLike(Protocol):
-    """What is needed of ground truth; session.truth.Truth is one."""
-
-    @property
-    def frame(self) -> Ints[F]: ...
-
-    @property
-    def keypoints21(self) -> Floats[F, D21, D3] | None: ...
-
-    @property
-    def joint_names(self) -> Sequence[str]: ...
-
-    @property
-    def joint_positions(self) -> Floats[F, J, D3] | None: ...
 
 
 @dataclass(frozen=True)
@@ -59,7 +48,7 @@ class _Compared:
 
 
 def evaluate(
-    track: TrackResult, truth: TruthLike, landmarks: str | None = None
+    track: TrackResult, truth: Truth, landmarks: str | None = None
 ) -> dict[str, float | int | None]:
     """Return the measures of contracts §3, in mm; None where there is nothing to measure. On top come `finger_swaps`
     and, of hands, how far their joints are bent (`flexion_errors`, in degrees).
@@ -111,15 +100,15 @@ def evaluate(
     }
 
 
-def in_truths_landmarks(track: TrackResult, truth: TruthLike, landmarks: str | None) -> TrackResult:
+def in_truths_landmarks(track: TrackResult, truth: Truth, landmarks: str | None) -> TrackResult:
     """Return the track with the points that the truth has: in the definition asked for, else in that which the truth says
     (`keypoint_definition`) if the track has it, else as they are. Raises HandtrackError for one asked for that it has not.
     """
     if landmarks is not None:
         return track.in_landmarks(landmarks)
-    theirs = getattr(truth, "keypoint_definition", None)
-    known = theirs is not None and theirs in (JOINT_CENTRES, track.landmark_definition)
-    return track.in_landmarks(theirs) if known and theirs is not None else track
+    theirs = truth.keypoint_definition
+    known = theirs in (JOINT_CENTRES, track.landmark_definition)
+    return track if theirs is None or not known else track.in_landmarks(theirs)
 
 
 def similarity(points: Floats[N, D3], target: Floats[N, D3]) -> Floats[N, D3]:
@@ -133,7 +122,7 @@ def similarity(points: Floats[N, D3], target: Floats[N, D3]) -> Floats[N, D3]:
 # ---- what is compared ------------------------------------------------------------------------------
 
 
-def _compared(track: TrackResult, truth: TruthLike) -> _Compared:
+def _compared(track: TrackResult, truth: Truth) -> _Compared:
     names, found, true = _points(track, truth)
     known = np.all(np.isfinite(true), axis=2)
     rows = np.flatnonzero(known.any(axis=1))
@@ -168,7 +157,7 @@ def _compared(track: TrackResult, truth: TruthLike) -> _Compared:
     )
 
 
-def _points(track: TrackResult, truth: TruthLike) -> tuple[tuple[str, ...], Floats, Floats]:
+def _points(track: TrackResult, truth: Truth) -> tuple[tuple[str, ...], Floats, Floats]:
     if truth.keypoints21 is not None and track.keypoints21 is not None:
         return keypoint_names(), track.keypoints21, np.asarray(truth.keypoints21)
     positions = truth.joint_positions
@@ -213,11 +202,10 @@ def _position_errors(points: _Compared, error: Floats) -> dict[str, float | int 
     beside = np.full_like(error, np.nan)
     if points.turns is not None:
         beside = offset_free_errors(points.found, points.truth, points.turns)
-    known = beside[np.isfinite(beside)]
     each = [*enumerate(points.names)]
     return {
         "offset_free_mm": mean_size(beside),
-        "offset_free_median_mm": float(np.median(known)) if len(known) else None,
+        "offset_free_median_mm": known_median(beside),
         **{f"position_{name}_mm": mean_size(error[:, k]) for k, name in each},
         **{f"position_{name}_offset_free_mm": mean_size(beside[:, k]) for k, name in each},
     }
@@ -248,8 +236,7 @@ def _aligned_error(points: _Compared) -> float | None:
 
 def _pck_auc(errors: Floats) -> float:
     share = np.array([(errors <= threshold).mean() for threshold in _PCK_MM])
-    area = ((share[1:] + share[:-1]) / 2 * np.diff(_PCK_MM)).sum()
-    return float(area / (_PCK_MM[-1] - _PCK_MM[0]))
+    return float(np.trapezoid(share, _PCK_MM) / _PCK_MM[-1])
 
 
 def _jitter(points: _Compared) -> float | None:
@@ -258,12 +245,8 @@ def _jitter(points: _Compared) -> float | None:
     middle = 1 + np.flatnonzero(
         one[1:] & one[:-1] & points.seen[2:] & points.seen[1:-1] & points.seen[:-2]
     )
-    if not len(middle):
-        return None
     bend = points.found[middle + 1] - 2 * points.found[middle] + points.found[middle - 1]
-    size = np.linalg.norm(bend, axis=2)
-    known = size[np.isfinite(size)]
-    return float(np.median(known)) if len(known) else None
+    return known_median(np.linalg.norm(bend, axis=2))
 
 
 def _swaps(points: _Compared, tips: Array) -> int | None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from handtrack.arrays import evenly_spread, indices
+from handtrack.diagnostics.constant_offsets import known_median
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Silhouette
@@ -37,8 +38,8 @@ def compared(first: TrackResult, second: TrackResult) -> dict[str, float | int |
         "distance_mm": float(apart.mean()),
         "distance_max_mm": float(apart.max()),
         "furthest_frame": int(frames[worst]),
-        "energy_of_first": _median(first.energy[a]),
-        "energy_of_second": _median(second.energy[b]),
+        "energy_of_first": known_median(first.energy[a]),
+        "energy_of_second": known_median(second.energy[b]),
     }
 
 
@@ -55,8 +56,3 @@ def mean_overlap(
         bones = model.bones(model.transform.solver_params(result.parameters))
         found += outline_overlap(seen(result.frame), model.flesh["fine"], bones).iou.tolist()
     return float(np.mean(found)) if found else None
-
-
-def _median(values: np.ndarray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else None

@@ -23,10 +23,11 @@ from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import MODELS, load_model, read_scale
 from handtrack.observation.agreement import weighed
 from handtrack.observation.observation import ImageView, Observation
+from handtrack.observation.truth import Truth
 from handtrack.parallel import LRUCache
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
 from handtrack.session.formats.timestamps import FrameTimes
-from handtrack.session.formats.truth import Truth, read_truth
+from handtrack.session.formats.truth import read_truth
 from handtrack.session.layout import (
     CALIBRATION_FILE,
     INIT_FILE,

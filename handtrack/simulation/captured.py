@@ -18,9 +18,10 @@ from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model, scale_table, write_scale
 from handtrack.observation.observation import Keypoints, Observation
+from handtrack.observation.truth import Truth
 from handtrack.session import layout
 from handtrack.session.formats.tables import write_npz
-from handtrack.session.formats.truth import Truth, write_truth
+from handtrack.session.formats.truth import write_truth
 from handtrack.session.session_file import (
     BODY_TRACKING,
     CameraSettings,

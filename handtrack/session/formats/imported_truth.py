@@ -22,7 +22,8 @@ from handtrack.files.text_files import (
     read_rows,
     read_text,
 )
-from handtrack.session.formats.truth import Truth, read_truth
+from handtrack.observation.truth import Truth
+from handtrack.session.formats.truth import read_truth
 
 _HAND_M = (
     0.06,
