@@ -110,7 +110,7 @@ class ReviewService(Service):
                 if 0 <= row < count:
                     values[row], std[row] = pose[at], np.nan
             curves.append(Curve(name, values, std, truth))
-        self.publish(CurvesSnapshot(rows.frames.start, tuple(curves)))
+        self.publish(CurvesSnapshot(tuple(curves)))
 
 
 def close_pictures(

@@ -100,9 +100,8 @@ class Curve:
 
 @dataclass(frozen=True)
 class CurvesSnapshot:
-    """Courses of joint parameters, from frame `start` on."""
+    """Courses of joint parameters."""
 
-    start: int
     curves: tuple[Curve, ...]
 
 

@@ -15,10 +15,10 @@ from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.page.panels.plots import plot_data
 from handtrack_app.page.panels.pose import ink_on
 from handtrack_app.page.panels.tracking import nearest_posed
-from handtrack_app.page.time.lanes import Window, lanes_of, lanes_picture, whole
+from handtrack_app.page.time.lanes import Window, lanes_of, lanes_picture
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.palette import STATUS
-from handtrack_app.protocol.snapshots import COST, ERROR, TERM, Curve, CurvesSnapshot, ScoreSnapshot
+from handtrack_app.protocol.snapshots import COST, ERROR, TERM, Curve, ScoreSnapshot
 from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed, tracked
 from tests.app.page.test_review_panel import _tracked
@@ -26,28 +26,27 @@ from tests.app.waiting import eventually
 
 
 def test_a_frame_stays_where_it_stands_while_zooming():
-    window, frames = Window(0, 999), range(1000)
+    window = whole = Window.whole(range(1000))
     for _ in range(4):
-        window = window.zoomed(0.5, 300, frames)
+        window = window.zoomed(0.5, 300)
         assert window.place(300) == pytest.approx(300, abs=15)
-    assert window.zoomed(100.0, 300, frames) == whole(frames)
-    assert window.zoomed(1e-9, 300, frames).count == 10
+    assert window.zoomed(100.0, 300) == whole
+    assert window.zoomed(1e-9, 300).count == 10
 
 
 def test_the_window_goes_along_with_the_frame_shown():
-    window, frames = Window(100, 199), range(1000)
-    assert window.around(150, frames) is window
-    assert window.around(200, frames) == Window(190, 289)
-    assert window.around(999, frames) == Window(900, 999)
-    assert window.around(0, frames) == Window(0, 99)
+    window = Window(100, 199, range(1000))
+    assert window.around(150) is window
+    for frame, first in ((200, 190), (999, 900), (0, 0)):
+        assert window.around(frame) == replace(window, first=first, last=first + 99)
 
 
 def test_of_frames_drawn_in_one_place_the_worst_is_seen():
     status = np.zeros(20_000, int)
     status[1234] = 2
     lanes = {COST: np.where(status == 2, 7.0, 1.0)}
-    strip, frames = snapshots.TimelineSnapshot(0, status, lanes), whole(range(len(status)))
-    picture = lanes_picture(lanes_of(strip, frames), strip, frames)
+    strip, window = snapshots.TimelineSnapshot(0, status, lanes), Window.whole(range(len(status)))
+    picture = lanes_picture(lanes_of(strip, window, True), strip, window, True)
     assert STATUS[2][1] in picture.partition("<svg")[2]
 
 
@@ -72,7 +71,7 @@ def test_words_on_a_colour_can_be_read(ground, ink):
 def test_a_plot_has_track_band_and_truth_in_the_window_alone():
     values = np.linspace(0, 1, 300)
     curve = Curve("index_mcp_flex", values, np.full(300, 0.05), values - 0.1)
-    data = plot_data(CurvesSnapshot(0, (curve,)), curve, Window(100, 199))
+    data = plot_data(curve, Window(100, 199, range(300)))
     assert (data["frame"][0], data["frame"][-1]) == (100, 199)
     assert_allclose(data["track"], np.rad2deg(values[100:200]))
     assert_allclose(data["high"] - data["track"], np.rad2deg(0.1))

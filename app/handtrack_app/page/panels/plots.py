@@ -18,19 +18,23 @@ from handtrack_app.protocol.snapshots import Curve, CurvesSnapshot, SessionSnaps
 
 _NONE: str = "choose …"
 _CHOOSE = "Choose a {part} to plot its angles."
-_TRACK, _BAND, _OTHER, _TRUTH = "#3594d6", "rgba(53,148,214,.25)", "#e69f00", "#009e73"
 _GREY = "#8c8c8c"  # legible on dark and on light
 _SIGMAS = 2.0
 """of the band: 19 of 20 errors, were they normal"""
+_LINES = {
+    "track": ("track", "#3594d6"), "low": ("−2 σ", "transparent"), "high": ("+2 σ", "transparent"), "truth": ("truth", "#009e73"),
+}  # fmt: skip
+"""what each is called, and its colour"""
+_BANDS = (uplot.Band(series=(3, 2), fill="rgba(53,148,214,.25)"),)
+"""between the lines `high` and `low`; frames come first"""
 _HEIGHT = 150  # [px]
 
 
-def plot_data(snapshot: CurvesSnapshot, curve: Curve, window: Window) -> dict[str, Floats[N]]:
+def plot_data(curve: Curve, window: Window) -> dict[str, Floats[N]]:
     """Return what is plotted of a curve by the names of its lines: frames first, then what is known, in degrees or millimetres.
 
     Of frames that share a column of the plot the largest value counts. `low` and `high` bound the band.
     """
-    unit, start = unit_of(curve.name), snapshot.start
     lines = {
         "track": curve.values,
         "low": curve.values - _SIGMAS * curve.std,
@@ -41,8 +45,7 @@ def plot_data(snapshot: CurvesSnapshot, curve: Curve, window: Window) -> dict[st
     edges = window.columns()
     found = {"frame": np.floor((edges[:-1] + edges[1:] - 1) / 2)}
     for name, values in lines.items():
-        shown = np.where(np.isfinite(values), values, np.nan) / unit
-        _, least, most = extremes(shown, start, window)
+        _, least, most = extremes(values / unit_of(curve.name), window)
         found[name] = least if name == "low" else most
     return found
 
@@ -94,21 +97,22 @@ class PlotsPanel:
             plot.remove()
         del self.plots[len(snapshot.curves) :]
         for n, curve in enumerate(snapshot.curves):
-            data = plot_data(snapshot, curve, window)
+            data = plot_data(curve, window)
             sign = "mm" if curve.name.startswith("root_t") else "°"
-            title, series = f"{title_of(curve.name)} [{sign}]", _series(data)
+            title = f"{title_of(curve.name)} [{sign}]"
+            lines = tuple(np.asarray(line, np.float64) for line in data.values())
+            drawn = (_series(name) for name in data if name in _LINES)
+            series = (uplot.Series(label="frame"), *drawn)
             if n == len(self.plots):
                 with self.tab:
-                    self.plots.append(self._add(data, series, title))
-                continue
-            plot = self.plots[n]
-            plot.series, plot.bands = series, _bands(data)
-            plot.data = tuple(np.asarray(line, np.float64) for line in data.values())
-            plot.title = title
+                    self.plots.append(self._add(lines, series, title))
+            else:
+                plot = self.plots[n]
+                plot.series, plot.data, plot.title = series, lines, title
         put(self.note, visible=not snapshot.curves)
 
     def _add(
-        self, data: dict[str, Floats[N]], series: tuple[uplot.Series, ...], title: str
+        self, lines: tuple[Floats[N], ...], series: tuple[uplot.Series, ...], title: str
     ) -> viser.GuiUplotHandle:
         axis = uplot.Axis(
             stroke=_GREY,
@@ -116,24 +120,13 @@ class PlotsPanel:
             grid={"stroke": "rgba(140,140,140,.25)", "width": 1},
         )
         return self.page.gui.add_uplot(
-            tuple(data.values()), series, title=title, bands=_bands(data), height=_HEIGHT, axes=(axis, axis),
+            lines, series, title=title, bands=_BANDS, height=_HEIGHT, axes=(axis, axis),
             scales={"x": uplot.Scale(time=False)}, legend=uplot.Legend(show=True), padding=(4, 12, 0, 0),
         )  # fmt: skip
 
 
-def _series(data: dict[str, Floats[N]]) -> tuple[uplot.Series, ...]:
-    found = [uplot.Series(label="frame")]
-    for name in list(data)[1:]:
-        colour = {"track": _TRACK, "truth": _TRUTH, "low": "transparent", "high": "transparent"}
-        found.append(uplot.Series(
-            label={"low": "−2 σ", "high": "+2 σ"}.get(name, name), stroke=colour.get(name, _OTHER), width=1.5,
-            points={"show": False}, spanGaps=False,
-        ))  # fmt: skip
-    return tuple(found)
-
-
-def _bands(data: dict[str, Floats[N]]) -> tuple[uplot.Band, ...]:
-    names = list(data)
-    if "low" not in names:
-        return ()
-    return (uplot.Band(series=(names.index("high"), names.index("low")), fill=_BAND),)
+def _series(name: str) -> uplot.Series:
+    label, colour = _LINES[name]
+    return uplot.Series(
+        label=label, stroke=colour, width=1.5, points={"show": False}, spanGaps=False
+    )

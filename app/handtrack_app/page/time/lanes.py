@@ -6,10 +6,12 @@ import html
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats, Ints, N, runs
+from handtrack.arrays import Array, Floats, Ints, N, runs
 from handtrack_app.page.html import chip
 from handtrack_app.page.panels.pose import status_of
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
@@ -35,18 +37,30 @@ _TICKS = 8  # at most, so that their numbers stand apart
 
 @dataclass(frozen=True)
 class Window:
-    """Frames first to last: they stand at 0 and at WIDTH, as on the slider that lies over them."""
+    """Frames first to last of a recording's: they stand at 0 and at WIDTH, as on the slider that lies over them."""
 
     first: int
     last: int
+    frames: range
+    """all of the recording"""
+
+    @classmethod
+    def whole(cls, frames: range) -> Window:
+        """Return the window of all frames."""
+        return cls(frames.start, max(frames.stop - 1, frames.start + 1), frames)
 
     @property
     def count(self) -> int:
         return self.last - self.first + 1
 
-    def place(self, frame: float) -> float:
-        """Return where a frame stands."""
+    def place(self, frame: Any) -> Any:
+        """Return where a frame stands, or each of several."""
         return (frame - self.first) / max(self.last - self.first, 1) * WIDTH
+
+    def span(self, first: int, stop: int) -> tuple[float, float]:
+        """Return where frames begin, half a frame before the first, and how wide they are: what is seen of them."""
+        begin, end = np.clip(self.place(np.array([first, stop]) - 0.5), 0.0, WIDTH).tolist()
+        return begin, end - begin
 
     def columns(self) -> Ints[N]:
         """Return where columns of neighbouring frames begin, the end with them: at most so many that each can be seen."""
@@ -60,66 +74,45 @@ class Window:
         step = int(power * next(n for n in (1, 2, 5, 10) if n * power >= rough * 0.999))
         return list(range(-(-self.first // step) * step, self.last + 1, step))
 
-    def zoomed(self, factor: float, around: int, frames: range) -> Window:
+    def zoomed(self, factor: float, around: int) -> Window:
         """Return a window of `factor` times as many frames, in which a frame stays where it stands."""
-        count = int(np.clip(round(self.count * factor), min(_FEWEST, len(frames)), len(frames)))
+        most = len(self.frames)
+        count = int(np.clip(round(self.count * factor), min(_FEWEST, most), most))
         share = (min(max(around, self.first), self.last) - self.first) / max(self.count - 1, 1)
-        return Window(0, count - 1).moved_to(round(around - share * (count - 1)), frames)
+        return self.moved_to(round(around - share * (count - 1)), count)
 
-    def moved_to(self, first: int, frames: range) -> Window:
-        """Return a window as long as this that begins at a frame, or where the recording lets it."""
-        first = max(min(first, frames.stop - self.count), frames.start)
-        return Window(first, min(first + self.count, frames.stop) - 1)
+    def moved_to(self, first: int, count: int) -> Window:
+        """Return a window of so many frames that begins at one, or where the recording lets it."""
+        first = max(min(first, self.frames.stop - count), self.frames.start)
+        return replace(self, first=first, last=min(first + count, self.frames.stop) - 1)
 
-    def around(self, frame: int, frames: range) -> Window:
+    def around(self, frame: int) -> Window:
         """Return a window with a frame in it: this, or the page that begins a tenth before it."""
         if self.first <= frame <= self.last:
             return self
-        return self.moved_to(frame - self.count // 10, frames)
-
-    @property
-    def half(self) -> float:
-        """Half a frame's width."""
-        return 0.5 * WIDTH / max(self.last - self.first, 1)
+        return self.moved_to(frame - self.count // 10, self.count)
 
 
-def whole(frames: range) -> Window:
-    """Return the window of all frames."""
-    return Window(frames.start, max(frames.stop - 1, frames.start + 1))
-
-
-def extremes(
-    values: Floats[N], start: int, window: Window
-) -> tuple[Floats[N], Floats[N], Floats[N]]:
-    """Return of each column its place, and the least and largest known value in it, NaN where none is known. start: of values."""
+def extremes(values: Array[N], window: Window) -> tuple[Floats[N], Floats[N], Floats[N]]:
+    """Return of each column its place, and the least and largest known value in it, NaN where none is known. values: of the
+    recording's frames, the last of which may be missing.
+    """
     edges = window.columns()
-    padded = np.full(window.count, np.nan)
-    first, stop = max(window.first, start), min(window.last + 1, start + len(values))
-    if first < stop:
-        padded[first - window.first : stop - window.first] = values[first - start : stop - start]
-    known, at = np.isfinite(padded), edges[:-1] - window.first
-    low = np.minimum.reduceat(np.where(known, padded, np.inf), at)
-    high = np.maximum.reduceat(np.where(known, padded, -np.inf), at)
-    place = np.array([window.place(x) for x in (edges[:-1] + edges[1:] - 1) / 2])
-    none = ~np.isfinite(high)
-    return place, np.where(none, np.nan, low), np.where(none, np.nan, high)
+    shown = np.full(window.count, np.nan)
+    there = values[window.first - window.frames.start :][: window.count]
+    shown[: len(there)] = np.where(np.isfinite(there), there, np.nan)
+    at = edges[:-1] - window.first
+    place = window.place((edges[:-1] + edges[1:] - 1) / 2)
+    return place, np.fmin.reduceat(shown, at), np.fmax.reduceat(shown, at)
 
 
 LEFT, RIGHT = 172, 90  # [px] where viser's slider begins and ends: it lies over the lanes
 _CURVE, _STATUS, _LOW, _THIN, _TERM, _AXIS = 34, 14, 14, 14, 14, 18  # heights [px]
 _REST, _LEAST = 2, 82  # [px]: the panel's edge; what the transport beside the lanes needs
-_FOUND = 5  # beside the codes of contracts §5: a search's pose, which no frame was tracked from
+_FOUND = 4  # beside Status: a search's pose, which no frame was tracked from
 _SHOWN_AS = {**STATUS, _FOUND: FOUND}
-_BADNESS = (
-    -1,
-    0,
-    4,
-    _FOUND,
-    3,
-    1,
-    2,
-)  # status, from what is drawn least to what is drawn above all
-_HEIGHTS = {-1: 3, 0: 7, 4: 7, _FOUND: 10, 3: 10, 1: 10, 2: 14}
+_HEIGHTS = {-1: 3, 0: 7, _FOUND: 10, 3: 10, 1: 10, 2: 14}
+"""[px] by status, from what is drawn least to what is drawn above all"""
 _DOUBT, _ACCEPTED, _GAP, _CHANGED = "#d55e00", "#009e73", "#e69f00", "#56b4e9"
 _TAKES = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2")
 _FULL_MM = 20.0  # a change that is drawn in full colour: more than a finger is thick
@@ -136,24 +129,19 @@ class Lane:
     parts: Sequence[str]
     """SVG, from 0 to WIDTH across and to `height` down"""
     value: Callable[[int], str]
-    """what stands behind it for a frame, as it was tracked or set"""
+    """what stands behind it for a frame, by its row, as it was tracked or set"""
     hint: str = ""
     of_pose: Callable[[PoseSnapshot], str] | None = None
     """what stands there for the pose shown, where that tells it; else `value` does, of a tracked one"""
 
 
-def lanes_of(strip: TimelineSnapshot, window: Window, every: bool = True) -> list[Lane]:
+def lanes_of(strip: TimelineSnapshot, window: Window, every: bool) -> list[Lane]:
     """Return the lanes that have something to show. every: not only the curve, the status and the probability of an error."""
     strip = _of_poses(strip)
-    curve, title, unit = _main_curve(strip)
-    found = [_curve_lane(strip, window, curve, title, unit), _status_lane(strip, window)]
-    if not every:
-        return [*found, *([low] if (low := _probability_lane(strip, window)) is not None else [])]
-    more = [
-        _probability_lane(strip, window), _term_lane(strip, window), _accepted_lane(strip, window),
-        _take_lane(strip, window), *_thin_lanes(strip, window),
-    ]  # fmt: skip
-    return found + [lane for lane in more if lane is not None]
+    makers = (_curve_lane, _status_lane, _probability_lane)
+    if every:
+        makers += (_term_lane, _accepted_lane, _take_lane, _missing_lane, _moved_lane)
+    return [lane for make in makers if (lane := make(strip, window)) is not None]
 
 
 def _of_poses(strip: TimelineSnapshot) -> TimelineSnapshot:
@@ -170,7 +158,7 @@ def _of_poses(strip: TimelineSnapshot) -> TimelineSnapshot:
 
 
 def lanes_picture(
-    lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window, every: bool = False
+    lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window, every: bool
 ) -> str:
     """Return the picture, with the legend above it and frame numbers below. every: whether these are all the lanes."""
     parts, labels, top = list[str](), "", 0
@@ -196,26 +184,21 @@ def _depth(lanes: Sequence[Lane]) -> int:
     return max(sum(lane.height for lane in lanes), _LEAST - _REST - _AXIS)
 
 
-def cursor_picture(lanes: Sequence[Lane], frame: int, pose: PoseSnapshot | None = None) -> str:
+def cursor_picture(lanes: Sequence[Lane], row: int | None, pose: PoseSnapshot | None) -> str:
     """Return the numbers beside the lanes for the frame shown. It is sent for each frame; the line itself is the slider's.
 
-    pose: the one shown, if it is of that frame.
+    row: of the frame; None: the recording has no such frame. pose: the one shown, if it is of that frame.
     """
     rows, top = "", 0
     for lane in lanes:
-        if pose is None:
-            value = lane.value(frame)
-        elif lane.of_pose is not None:
+        value = ""
+        if pose is not None and lane.of_pose is not None:
             value = lane.of_pose(pose)
-        else:
-            value = lane.value(frame) if pose.origin == "tracked" else ""
-        rows += (
-            f"<div style='position:absolute;top:{top}px;height:{lane.height}px;line-height:{lane.height}px'>{value}</div>"
-            if value and "<" not in value
-            else f"<div style='position:absolute;top:{top}px;line-height:{_TERM}px'>{value}</div>"
-            if value
-            else ""
-        )
+        elif row is not None and (pose is None or pose.origin == "tracked"):
+            value = lane.value(row)
+        line = _TERM if "<" in value else lane.height
+        if value:
+            rows += f"<div style='position:absolute;top:{top}px;line-height:{line}px'>{value}</div>"
         top += lane.height
     return (
         "<div style='position:relative;height:0;pointer-events:none'>"
@@ -227,63 +210,52 @@ def cursor_picture(lanes: Sequence[Lane], frame: int, pose: PoseSnapshot | None 
 # ---- lanes
 
 
-def _main_curve(strip: TimelineSnapshot) -> tuple[Floats[N], str, str]:
-    """Return the values of the first lane, what they are, and their unit."""
+def _curve_lane(strip: TimelineSnapshot, window: Window) -> Lane:
     none = np.full(len(strip.status), np.nan)
-    errors = strip.lanes.get(ERROR, none)
-    if np.isfinite(errors).any():
-        return errors, "joint error", "mm"
-    return strip.lanes.get(COST, none), "cost", ""
-
-
-def _curve_lane(
-    strip: TimelineSnapshot, window: Window, values: Floats[N], title: str, unit: str
-) -> Lane:
+    title, unit, values = "joint error", " mm", strip.lanes.get(ERROR, none)
+    if not np.isfinite(values).any():
+        title, unit, values = "cost", "", strip.lanes.get(COST, none)
     finite = values[np.isfinite(values)]
-    top = f"max {_number(float(finite.max()))} {unit}" if len(finite) else "nothing tracked"
+    top = f"max {_number(finite.max())}{unit}" if len(finite) else "nothing tracked"
     diamonds = [
         _diamond(window.place(f), f in strip.found)
         for f in strip.by_hand
         if window.first <= f <= window.last
     ]
 
-    def of_pose(pose: PoseSnapshot) -> str:
-        value = pose.error_mm if unit else pose.energy
-        return f"{_number(value)} {unit}" if math.isfinite(value) else ""
+    def say(value: float) -> str:
+        return f"{_number(value)}{unit}" if math.isfinite(value) else ""
 
     return Lane(
         f"<span>{title}</span><span style='opacity:.7'>{top}</span>", _CURVE,
-        [_ground(_CURVE), *curve(values, strip.start, window, _CURVE), *diamonds],
-        _value_of(strip, values, lambda v: f"{_number(v)} {unit}"),
-        "Of frames that stand in one place the largest counts. Diamonds are poses that were set.", of_pose,
+        [_ground(_CURVE), *curve(values, window, _CURVE), *diamonds], _value_of(values, say),
+        "Of frames that stand in one place the largest counts. Diamonds are poses that were set.",
+        lambda pose: say(pose.error_mm if unit else pose.energy),
     )  # fmt: skip
 
 
 def _status_lane(strip: TimelineSnapshot, window: Window) -> Lane:
-    words = {code: word for code, (word, _) in _SHOWN_AS.items()}
-
-    def value(frame: int) -> str:
-        row = frame - strip.start
-        return words[int(strip.status[row])] if 0 <= row < len(strip.status) else ""
-
     def of_pose(pose: PoseSnapshot) -> str:
-        return words[-1] if pose.origin == "carried" else status_of(pose)[0]
+        return _SHOWN_AS[-1][0] if pose.origin == "carried" else status_of(pose)[0]
 
-    return Lane("", _STATUS, bars(strip.status, strip.start, window), value, of_pose=of_pose)
+    def value(row: int) -> str:
+        return _SHOWN_AS[int(strip.status[row])][0]
+
+    return Lane("", _STATUS, bars(strip.status, window), value, of_pose=of_pose)
 
 
 def _probability_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
     values = strip.lanes.get(PROBABILITY)
     if values is None:
         return None
-    place, _, high = extremes(values, strip.start, window)
+    place, _, high = extremes(values, window)
     parts = [_ground(_LOW)]
     for a, b in runs(np.isfinite(high)):
-        points = [f"{x:.1f},{_LOW - 1 - (_LOW - 3) * y:.1f}" for x, y in zip(place[a:b], high[a:b], strict=True)]  # fmt: skip
-        around = f"{place[a]:.1f},{_LOW} {' '.join(points)} {place[b - 1]:.1f},{_LOW}"
+        points = _points(place[a:b], _LOW - 1 - (_LOW - 3) * high[a:b])
+        around = f"{place[a]:.1f},{_LOW} {points} {place[b - 1]:.1f},{_LOW}"
         parts.append(f"<polygon points='{around}' fill='{_DOUBT}' opacity='.75'/>")
     return Lane(
-        "P(error &gt; 25 mm)", _LOW, parts, _value_of(strip, values, lambda v: f"{100 * v:.0f} %"),
+        "P(error &gt; 25 mm)", _LOW, parts, _value_of(values, lambda v: f"{100 * v:.0f} %"),
         "Probability that some joint is more than 25 mm off.",
     )  # fmt: skip
 
@@ -295,24 +267,17 @@ def _term_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
         return None
     top = max(float(np.nanquantile(row, 0.98)) for row in terms.values()) * 1.1
     height = max(_TERM * len(terms), 40)
-    colours = {word: TERMS.get(word, "#ffffff") for word in terms}
-    lines = [
-        part
-        for word, row in terms.items()
-        for part in curve(row, strip.start, window, height, max(top, 1e-12), colours[word])
-    ]
-    label = "".join(
-        f"<span style='height:{_TERM}px;white-space:nowrap'>{chip(colours[word])}{word}</span>"
-        for word in terms
-    )
-    values = [_value_of(strip, row, _number) for row in terms.values()]
+    parts, label = [_ground(height)], ""
+    for word, row in terms.items():
+        colour = TERMS.get(word, "#ffffff")
+        parts += curve(row, window, height, max(top, 1e-12), colour)
+        label += f"<span style='height:{_TERM}px;white-space:nowrap'>{chip(colour)}{word}</span>"
+    values = [_value_of(row, _number) for row in terms.values()]
 
-    def value(frame: int) -> str:
-        return "".join(f"<div>{one(frame) or '&nbsp;'}</div>" for one in values)
+    def value(row: int) -> str:
+        return "".join(f"<div>{one(row) or '&nbsp;'}</div>" for one in values)
 
-    return Lane(
-        label, height, [_ground(height), *lines], value, f"The cost's terms, to {_number(top)}"
-    )
+    return Lane(label, height, parts, value, f"The cost's terms, to {_number(top)}")
 
 
 def term_rows(strip: TimelineSnapshot) -> dict[str, Floats[N]]:
@@ -320,20 +285,18 @@ def term_rows(strip: TimelineSnapshot) -> dict[str, Floats[N]]:
     tracked = int((strip.status >= 0).sum())
     parts = {n.removeprefix(TERM): v for n, v in strip.lanes.items() if n.startswith(TERM)}
     terms = {n: v for n, v in parts.items() if np.isfinite(v).sum() > min(tracked - 1, 1)}
-    seen = [name for name in terms if name != "priors"]
-    if len(seen) < 2 and not {"cloud→model", "lines of sight"} & set(seen):
+    seen = terms.keys() - {"priors"}
+    if len(seen) < 2 and not seen & {"cloud→model", "lines of sight"}:
         return {}
-    order = [name for name in TERMS if name in terms] + [n for n in terms if n not in TERMS]
-    return {name: terms[name] for name in order}
+    return {name: terms[name] for name in dict.fromkeys((*TERMS, *terms)) if name in terms}
 
 
 def _accepted_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
     if not strip.accepted:
         return None
-    marked = np.isin(np.arange(strip.start, strip.start + len(strip.status)), [*strip.accepted])
-    parts = _blocks(marked.astype(float), strip.start, window, _ACCEPTED, 1.0)
+    marked = np.isin(window.frames, [*strip.accepted])
     return Lane(
-        "accepted", _THIN, parts, lambda f: "locked" if f in strip.accepted else "",
+        "accepted", _THIN, _blocks(marked, window, _ACCEPTED), lambda row: "locked" if marked[row] else "",
         "Frames that neither tracking nor refining changes.", lambda pose: "locked" if pose.accepted else "",
     )  # fmt: skip
 
@@ -344,68 +307,61 @@ def _take_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
     order = sorted({span.take for span in strip.takes})
     parts = []
     for span in strip.takes:
-        x = max(window.place(span.first) - window.half, 0.0)
-        width = min(window.place(span.stop - 1) + window.half, WIDTH) - x
+        x, width = window.span(span.first, span.stop)
         if width > 0:
             colour = _TAKES[order.index(span.take) % len(_TAKES)]
-            parts.append(
-                f"<rect x='{x:.1f}' y='3' width='{width:.1f}' height='8' fill='{colour}'/>"
-            )
+            parts.append(_block(x, width, f"fill='{colour}'"))
 
-    def value(frame: int) -> str:
+    def at(frame: int) -> str:
         return next((f"take {s.take}" for s in strip.takes if s.first <= frame < s.stop), "")
 
     return Lane(
-        "takes", _THIN, parts, value, "Which tracking shows where.", lambda pose: value(pose.frame)
-    )
+        "takes", _THIN, parts, lambda row: at(strip.start + row), "Which tracking shows where.",
+        lambda pose: at(pose.frame),
+    )  # fmt: skip
 
 
-def _thin_lanes(strip: TimelineSnapshot, window: Window) -> list[Lane | None]:
-    views, moved, found = strip.lanes.get(VIEWS), strip.lanes.get(MOVED), list[Lane | None]()
-    if views is not None:
-        missing = np.nanmax(views) - views
-        found.append(_thin(strip, window, "views missing", missing, 1.0, _GAP, "{:.0f}", "Views that showed nothing of what is tracked."))  # fmt: skip
-    if moved is not None:
-        found.append(_thin(strip, window, "changed", moved, _FULL_MM, _CHANGED, "{:.1f} mm", "How far the furthest joint moved from the take below: what refining, or tracking again, changed."))  # fmt: skip
-    return found
+def _missing_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
+    views = strip.lanes.get(VIEWS)
+    missing = None if views is None else np.nanmax(views) - views
+    hint = "Views that showed nothing of what is tracked."
+    return _thin(window, "views missing", missing, 1.0, _GAP, "{:.0f}", hint)
+
+
+def _moved_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
+    hint = "How far the furthest joint moved from the take below: what refining, or tracking again, changed."
+    return _thin(window, "changed", strip.lanes.get(MOVED), _FULL_MM, _CHANGED, "{:.1f} mm", hint)
 
 
 def _thin(
-    strip: TimelineSnapshot, window: Window, label: str, values: Floats[N], full: float, colour: str,
-    form: str, hint: str,
+    window: Window, label: str, values: Floats[N] | None, full: float, colour: str, form: str, hint: str
 ) -> Lane | None:  # fmt: skip
-    known = np.where(np.isfinite(values), values, 0.0)
-    if not (known > 0).any():
+    if values is None or not (values > 0).any():
         return None
-    parts = _blocks(known, strip.start, window, colour, full)
-    return Lane(label, _THIN, parts, _value_of(strip, values, form.format), hint)
+    parts = _blocks(values / full, window, colour)
+    return Lane(label, _THIN, parts, _value_of(values, form.format), hint)
 
 
 # ---- parts of lanes
 
 
 def curve(
-    values: Floats[N],
-    start: int,
-    window: Window,
-    height: float,
-    top: float | None = None,
-    colour: str = "#56b4e9",
-) -> list[str]:
-    """Return lines through the known values, which begin at frame `start`, up to `top`, or to what nearly all are below. Of frames
-    that are drawn in one place, the largest counts.
+    values: Floats[N], window: Window, height: float, top: float | None = None, colour: str = "#56b4e9"
+) -> list[str]:  # fmt: skip
+    """Return lines through the known values, up to `top`, or to what nearly all are below. Of frames that are drawn in one place, the
+    largest counts.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
         return []
     if top is None:
         top = max(float(np.quantile(finite, 0.98)) * 1.1, 1e-12)
-    place, _, highest = extremes(values, start, window)
-    down = height - np.clip(np.nan_to_num(highest) / top, 0, 1) * (height - 3)
+    place, _, highest = extremes(values, window)
+    down = height - np.clip(highest / top, 0, 1) * (height - 3)
     lines = []
     for a, b in runs(np.isfinite(highest)):
-        run = [f"{x:.1f},{y:.1f}" for x, y in zip(place[a:b], down[a:b], strict=True)]
-        points = " ".join(run if len(run) > 1 else run * 2)
+        points = _points(place[a:b], down[a:b])
+        points += f" {points}" * (b - a == 1)  # seen, too
         lines.append(
             f"<polyline points='{points}' fill='none' stroke='{colour}' stroke-width='1.6' stroke-linecap='round' "
             "vector-effect='non-scaling-stroke'/>"
@@ -413,44 +369,44 @@ def curve(
     return lines
 
 
-def bars(status: Ints[N], start: int, window: Window) -> list[str]:
+def _points(x: Floats[N], y: Floats[N]) -> str:
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+
+
+def bars(status: Ints[N], window: Window) -> list[str]:
     """Runs of equal status. Height tells them apart as well as colour: the worse, the taller. Of frames that are drawn in
     one place, the worst counts.
     """
-    worse = np.argsort(_BADNESS)[status + 1].astype(float)  # status −1 comes first
-    _, _, high = extremes(worse, start, window)
-    worst = np.array(_BADNESS)[np.nan_to_num(high).astype(int)]
+    badness = np.array([*_HEIGHTS])
+    _, _, high = extremes(np.argsort(badness)[status + 1], window)  # status −1 comes first
     found = []
-    for code, x, width in _pieces(worst, window):
+    for code, x, width in _pieces(badness[np.nan_to_num(high).astype(int)], window):
         height = _HEIGHTS[code]
-        colour = "currentColor' opacity='.25" if code == -1 else _SHOWN_AS[code][1]
-        found.append(
-            f"<rect x='{x:.1f}' y='{_STATUS - height}' width='{width:.1f}' height='{height}' fill='{colour}'/>"
-        )
+        fill = "fill='currentColor' opacity='.25'" if code == -1 else f"fill='{_SHOWN_AS[code][1]}'"
+        found.append(_block(x, width, fill, _STATUS - height, height))
     return found
 
 
-def _blocks(values: Floats[N], start: int, window: Window, colour: str, full: float) -> list[str]:
-    """Return blocks where values are above 0, in four strengths of the colour."""
-    _, _, high = extremes(values, start, window)
-    strength = np.ceil(4 * np.clip(np.nan_to_num(high) / full, 0.0, 1.0)).astype(int)
+def _blocks(shares: Array[N], window: Window, colour: str) -> list[str]:
+    """Return blocks where shares are above 0, in four strengths of the colour: the full one from 1 on."""
+    _, _, high = extremes(shares, window)
+    strength = np.ceil(4 * np.clip(np.nan_to_num(high), 0.0, 1.0)).astype(int)
     return [
-        f"<rect x='{x:.1f}' y='3' width='{width:.1f}' height='8' fill='{colour}' opacity='{0.25 * code:.2f}'/>"
+        _block(x, width, f"fill='{colour}' opacity='{0.25 * code:.2f}'")
         for code, x, width in _pieces(strength, window)
         if code
     ]
 
 
+def _block(x: float, width: float, fill: str, y: int = 3, height: int = 8) -> str:
+    return f"<rect x='{x:.1f}' y='{y}' width='{width:.1f}' height='{height}' {fill}/>"
+
+
 def _pieces(codes: Ints[N], window: Window) -> list[tuple[int, float, float]]:
     """Return runs of equal codes of the window's columns: code, place and width."""
-    places = window.columns()
-    edges = np.flatnonzero(np.diff(codes)) + 1
-    found = []
-    for begin, end in zip([0, *edges], [*edges, len(codes)], strict=True):
-        x = max(window.place(places[begin]) - window.half, 0.0)
-        right = min(window.place(places[end]) - window.half, WIDTH)
-        found.append((int(codes[begin]), x, right - x))
-    return found
+    places = window.columns().tolist()
+    edges = [0, *np.flatnonzero(np.diff(codes)) + 1, len(codes)]
+    return [(int(codes[a]), *window.span(places[a], places[b])) for a, b in pairwise(edges)]
 
 
 def _grid(window: Window, height: int) -> str:
@@ -478,27 +434,16 @@ def _diamond(x: float, found: bool) -> str:
 
 
 def _legends(strip: TimelineSnapshot) -> str:
-    marks = [STATUS[code] for code in (0, 1, 2, 3, 4) if _has(strip, code)]
+    shown = {code for code in STATUS if code >= 0 and (strip.status == code).any()}
+    shown |= {3} if len(strip.by_hand) > len(strip.found) else set()
+    marks = [STATUS[code] for code in sorted(shown)] + [FOUND] * bool(strip.found)
     return "".join(
-        f"<span style='margin-left:.9em'>{chip(colour)}{word}</span>"
-        for word, colour in [*marks, *([FOUND] if strip.found else [])]
+        f"<span style='margin-left:.9em'>{chip(colour)}{word}</span>" for word, colour in marks
     )
 
 
-def _has(strip: TimelineSnapshot, code: int) -> bool:
-    set_by_hand = code == 3 and len(strip.by_hand) > len(strip.found)
-    return set_by_hand or bool((strip.status == code).any())
-
-
-def _value_of(
-    strip: TimelineSnapshot, values: Floats[N], form: Callable[[float], str]
-) -> Callable[[int], str]:
-    def value(frame: int) -> str:
-        row = frame - strip.start
-        known = 0 <= row < len(values) and math.isfinite(values[row])
-        return form(float(values[row])) if known else ""
-
-    return value
+def _value_of(values: Floats[N], form: Callable[[float], str]) -> Callable[[int], str]:
+    return lambda row: form(values[row]) if math.isfinite(values[row]) else ""
 
 
 def _number(value: float) -> str:

@@ -15,7 +15,6 @@ from handtrack_app.page.time.lanes import (
     cursor_picture,
     lanes_of,
     lanes_picture,
-    whole,
 )
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot, TimelineSnapshot
 
@@ -43,7 +42,7 @@ class TimelinePanel:
 
     def __post_init__(self, session: SessionSnapshot) -> None:
         page, gui = self.page, self.page.gui
-        self.window = whole(self.frames)
+        self.window = Window.whole(self.frames)
         with self.tab:
             self.picture = gui.add_html("")
             self.cursor = gui.add_html("")
@@ -64,15 +63,12 @@ class TimelinePanel:
         page.key("Timeline: more frames", "shift+G", partial(self.look_closer, _ZOOM[1]))
 
     def _pressed(self, key: str) -> None:
-        state = self.page.state
-        if key == _PLAY[2]:
-            self.page.play(not state.playing)
-            return
-        self.page.play(False)
+        page, state = self.page, self.page.state
         targets = (state.start, state.frame - 1, None, state.frame + 1, state.stop - 1)
-        target = dict(zip(_PLAY, targets, strict=True)).get(key)
+        target = targets[_PLAY.index(key)]
+        page.play(target is None and not state.playing)
         if target is not None:
-            self.page.go_to(target)
+            page.go_to(target)
 
     @property
     def frames(self) -> range:
@@ -85,14 +81,11 @@ class TimelinePanel:
         if how == _ZOOM[3]:
             self.every = not self.every
             self._redraw()
+        elif how == _ZOOM[2]:
+            self.look_at(Window.whole(self.frames))
         else:
-            factor = {_ZOOM[0]: 1 / _FACTOR, _ZOOM[1]: _FACTOR}.get(how)
-            frame = self.page.state.frame
-            here = self.window
-            wanted = (
-                whole(self.frames) if factor is None else here.zoomed(factor, frame, self.frames)
-            )
-            self.look_at(wanted)
+            factor = 1 / _FACTOR if how == _ZOOM[0] else _FACTOR
+            self.look_at(self.window.zoomed(factor, self.page.state.frame))
 
     def look_at(self, window: Window) -> None:
         """Show a part of the recording."""
@@ -103,7 +96,7 @@ class TimelinePanel:
 
     def show_frame(self, frame: int) -> None:
         """Move slider and cursor to a frame; where it is beyond the part that is shown, that goes along."""
-        self.look_at(self.window.around(frame, self.frames))
+        self.look_at(self.window.around(frame))
         if self.slider.value != frame:
             put(self.slider, max=max(self.slider.max, frame))
             self.slider.value = frame
@@ -116,9 +109,9 @@ class TimelinePanel:
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Take the recording's new status and energies."""
-        before, self.strip = self.frames, strip
-        if before != self.frames:  # frames are counted, or come, while the page is open
-            self.window = whole(self.frames)
+        self.strip = strip
+        if self.window.frames != self.frames:  # frames are counted, or come, while the page is open
+            self.window = Window.whole(self.frames)
         self._redraw()
 
     def _redraw(self) -> None:
@@ -135,4 +128,5 @@ class TimelinePanel:
         if self._shown != frame:
             self._shown = frame
             pose = self._pose if self._pose is not None and self._pose.frame == frame else None
-            put(self.cursor, content=cursor_picture(self._lanes, frame, pose))
+            row = self.frames.index(frame) if frame in self.frames else None
+            put(self.cursor, content=cursor_picture(self._lanes, row, pose))
