@@ -17,6 +17,7 @@ from handtrack.capture.calibration.formats.imported_rig import (
     ImportedRig,
     is_fisheye,
     numbers,
+    plain_word,
     rotation_of,
     whole_size,
 )
@@ -57,14 +58,16 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
     alone: the name of a camera that has the whole file. Raises HandtrackError naming the camera and the key.
     """
     if isinstance(tree, Mapping):
-        inner = [key for key in tree if _plain(key) in ("cameras", "calibration", "cams", "rig")]
+        inner = [
+            key for key in tree if plain_word(key) in ("cameras", "calibration", "cams", "rig")
+        ]
         if len(inner) == 1 and isinstance(tree[inner[0]], Mapping | list):
             found = read_tables(tree[inner[0]], where, alone)
             return found and _in_unit(found, tree, where)
         pair = _stereo(tree, where)
         if pair is not None:
             return _in_unit(pair, tree, where)
-        if any(re.fullmatch("xi(l|r|1|2|left|right)?", _plain(key)) for key in tree):
+        if any(re.fullmatch("xi(l|r|1|2|left|right)?", plain_word(key)) for key in tree):
             raise _mirror(where)
     tables = _tables(tree, alone)
     if not tables:
@@ -74,7 +77,8 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
     if len(tables) > _LIMIT:
         return None
     posed = len(tables) > 1
-    placed = [_has_pose(table) or not posed for _, table in tables]
+    wheres = [f"{where}, camera {name or i}" for i, (name, _) in enumerate(tables, 1)]
+    placed = [not posed or _pose(t, w) is not None for (_, t), w in zip(tables, wheres)]
     between = _known(tree) if isinstance(tree, Mapping) else {}
     if len(tables) == 2 and not any(placed) and {"rotation", "translation"} <= between.keys():
         pair = (
@@ -86,7 +90,7 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
     if not any(placed):
         placed = [True] * len(tables)  # which camera_of refuses, and says what it expects
     cameras = tuple(
-        camera_of(table, name, f"{where}, camera {name or i + 1}", posed)
+        camera_of(table, name, wheres[i], posed)
         for i, (name, table) in enumerate(tables)
         if placed[i]
     )
@@ -97,9 +101,7 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
 
 def _in_unit(rig: ImportedRig, tree: Mapping[str, Any], where: str) -> ImportedRig:
     said = _known(tree).get("unit")
-    if said is None:
-        return rig
-    return replace(rig, unit_m=metres_in(said, f"{where}: unit"))
+    return rig if said is None else replace(rig, unit_m=metres_in(said, f"{where}: unit"))
 
 
 def _tables(
@@ -126,7 +128,7 @@ def _flat(table: Mapping[str, Any]) -> Mapping[str, Any]:
     inner = {
         key: value
         for key, value in table.items()
-        if MEANS.get(_plain(key)) in ("matrix", "pose")
+        if MEANS.get(plain_word(key)) in ("matrix", "pose")
         and isinstance(value, Mapping)
         and "data" not in value
     }
@@ -136,7 +138,7 @@ def _flat(table: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _is_camera(table: Mapping[str, Any]) -> bool:
     known = _known(table)
-    return "matrix" in known or {"fx", "fy"} <= {_plain(key) for key in table}
+    return "matrix" in known or {"fx", "fy"} <= {plain_word(key) for key in table}
 
 
 def _name(table: Mapping[str, Any], otherwise: str | None) -> str | None:
@@ -146,12 +148,14 @@ def _name(table: Mapping[str, Any], otherwise: str | None) -> str | None:
 
 def _unstacked(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, Any]]]:
     """Return tables from arrays that have one row a camera; none where the file is of one camera."""
-    matrix = np.asarray(_value(tree, "matrix"), dtype=object)
-    if isinstance(_value(tree, "matrix"), Mapping) or matrix.ndim != 3 or len(matrix) > _LIMIT:
+    known = _known(tree)
+    matrix = np.asarray(known.get("matrix"), dtype=object)
+    if matrix.ndim != 3 or len(matrix) > _LIMIT:
         return []
     count = len(matrix)
     names = next(
-        (v for key, v in tree.items() if _plain(key) in ("names", "cameranames", "cameras")), None
+        (v for key, v in tree.items() if plain_word(key) in ("names", "cameranames", "cameras")),
+        None,
     )
     if names is not None and len(names) != count:
         names = None
@@ -165,9 +169,9 @@ def _unstacked(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, A
             return value[i] if len(value) == count else value
         return value
 
-    known = {field: v for field, v in _known(tree).items() if field not in ("name", "unit")}
+    own = {field: v for field, v in known.items() if field not in ("name", "unit")}
     return [
-        (None if names is None else str(names[i]), {f: row(f, v, i) for f, v in known.items()})
+        (None if names is None else str(names[i]), {f: row(f, v, i) for f, v in own.items()})
         for i in range(count)
     ]
 
@@ -178,7 +182,7 @@ def _grouped(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, Any
     for key, value in tree.items():
         for first, last in _splits(str(key)):
             for field, name in ((first, last), (last, first)):
-                if _plain(field) in MEANS and name:
+                if plain_word(field) in MEANS and name:
                     groups.setdefault(name, {}).setdefault(field, value)
     return [(name, t) for name, t in groups.items() if _is_camera(t) and len(t) > 1]
 
@@ -194,12 +198,12 @@ def _stereo(tree: Mapping[str, Any], where: str) -> ImportedRig | None:
     pair: dict[str, dict[str, Any]] = {"1": {}, "2": {}}
     for key, value in tree.items():
         match = _STEREO.match(str(key))
-        if match and _plain(match[1]) in MEANS:
+        if match and plain_word(match[1]) in MEANS:
             which = "1" if match[2].lower() in ("1", "left", "l") else "2"
-            if MEANS[_plain(match[1])] in ("matrix", "distortions", "size"):
+            if MEANS[plain_word(match[1])] in ("matrix", "distortions", "size"):
                 pair[which].setdefault(match[1], value)
     known = _known(
-        {k: v for k, v in tree.items() if not _STEREO.match(str(k)) or _plain(k) in ("r", "t")}
+        {k: v for k, v in tree.items() if not _STEREO.match(str(k)) or plain_word(k) in ("r", "t")}
     )
     if (
         not all(_is_camera(t) for t in pair.values())
@@ -224,21 +228,20 @@ def camera_of(
         str(known[field]) for field in ("model", "fisheye") if known.get(field) not in (None, "")
     ]
     models = [is_fisheye(word if word != "0" else "", where) for word in said]
-    if "distortions" in known:
-        distortions = numbers(
-            known["distortions"] or []
-            if isinstance(known["distortions"], list)
-            else known["distortions"],
-            f"{where}, distortion",
-        ).ravel()
-    else:
+    if "distortions" not in known:
         raise HandtrackError(
             f"{where}: no distortion coefficients, only {', '.join(map(str, table))}; expected `dist` (k1 k2 p1 p2 k3), or zeros "
             "where the images have none."
         )
-    if any(_plain(key) == "xi" and value for key, value in table.items()):
+    distortions = numbers(known["distortions"], f"{where}, distortion").ravel()
+    if any(plain_word(key) == "xi" and value for key, value in table.items()):
         raise _mirror(where)
-    rotation, translation = _pose(table, known, where, posed)
+    pose = _pose(table, where)
+    if posed and pose is None:
+        raise HandtrackError(
+            f"{where}: no pose, only {', '.join(map(str, table))}; expected `R` (matrix or rotation vector) and `t`, world to "
+            "camera: p_camera = R p_world + t."
+        )
     lens_open = len(distortions) == FISHEYE_COUNT and bool(distortions.any()) and not said
     matrix = _matrix(table, known, where)
     if min(matrix[0, 0], matrix[1, 1]) < _LEAST_FOCAL_PX:
@@ -251,8 +254,7 @@ def camera_of(
         _size(known, where, matrix),
         matrix,
         distortions,
-        rotation,
-        translation,
+        *(pose or (np.eye(3), np.zeros(3))),
         None if lens_open else any(models),
     )
 
@@ -265,7 +267,7 @@ def _mirror(where: str) -> HandtrackError:
 
 def _matrix(table: Mapping[str, Any], known: Mapping[str, Any], where: str) -> Floats[D3, D3]:
     if "matrix" not in known:
-        plain = {_plain(key): value for key, value in table.items()}
+        plain = {plain_word(key): value for key, value in table.items()}
         values = numbers(
             [plain.get(key) for key in ("fx", "fy", "cx", "cy")], f"{where}, fx fy cx cy"
         )
@@ -286,10 +288,10 @@ def _size(known: Mapping[str, Any], where: str, matrix: Floats[D3, D3]) -> tuple
     return None
 
 
-def _pose(
-    table: Mapping[str, Any], known: Mapping[str, Any], where: str, posed: bool
-) -> tuple[Floats[D3, D3], Floats[D3]]:
-    inverse = next((v for key, v in table.items() if _plain(key) in _GIVEN_BY_CENTRE), None)
+def _pose(table: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[D3]] | None:
+    """Return where a table says its camera stands; null, as for one that was not found, says nothing."""
+    known = _known(table)
+    inverse = next((v for key, v in table.items() if plain_word(key) in _GIVEN_BY_CENTRE), None)
     whole = known.get("pose", inverse)
     if {"rotation", "translation"} <= known.keys():
         moved = numbers(known["translation"], f"{where}, translation", (3,))
@@ -297,16 +299,8 @@ def _pose(
     if whole is not None:
         pose = numbers(whole, f"{where}, pose", (3, 4), (4, 4))
         turned, moved = pose[:3, :3], pose[:3, 3]
-        return (turned, moved) if known.get("pose") is not None else (turned.T, -turned.T @ moved)
-    rectified = _rectified(known, where)
-    if rectified is not None:
-        return rectified
-    if posed:
-        raise HandtrackError(
-            f"{where}: no pose, only {', '.join(map(str, table))}; expected `R` (matrix or rotation vector) and `t`, world to "
-            "camera: p_camera = R p_world + t."
-        )
-    return np.eye(3), np.zeros(3)
+        return (turned, moved) if "pose" in known else (turned.T, -turned.T @ moved)
+    return _rectified(known, where)
 
 
 def _rectified(known: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[D3]] | None:
@@ -325,30 +319,12 @@ def _rectified(known: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Fl
     return None if not moved.any() and (turned == np.eye(3)).all() else (turned.T, turned.T @ moved)
 
 
-def _has_pose(table: Mapping[str, Any]) -> bool:
-    """Return whether a table says where its camera stands; null, as for one that was not found, says nothing."""
-    known = _known(table).keys()
-    centre = any(
-        _plain(key) in _GIVEN_BY_CENTRE and value is not None for key, value in table.items()
-    )
-    rectified = "projection" in known and _rectified(_known(table), "") is not None
-    return {"rotation", "translation"} <= known or "pose" in known or centre or rectified
-
-
 def _known(table: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a table says by our names; of two keys that mean the same the first counts."""
     known: dict[str, Any] = {}
     for key, value in table.items():
-        field = MEANS.get(_plain(key))
+        field = MEANS.get(plain_word(key))
         missing = value is None or (isinstance(value, str) and value == "null")
         if field is not None and not missing:
             known.setdefault(field, value)
     return known
-
-
-def _value(table: Mapping[str, Any], field: str) -> Any:
-    return _known(table).get(field)
-
-
-def _plain(key: Any) -> str:
-    return "".join(sign for sign in str(key).lower() if sign.isalnum())

@@ -135,15 +135,19 @@ def is_fisheye(model: Any, where: str) -> bool:
 
     Raises HandtrackError for a model that is neither.
     """
-    words = str(model)
-    plain = "".join(sign for sign in words.lower() if sign.isalnum())
+    plain = plain_word(model)
     if plain not in _IS_FISHEYE:
         raise HandtrackError(
-            f"{where}: the lens model '{words[:40]}' cannot be written without loss as k1 k2 p1 p2 k3 (k4 k5 k6), nor as "
+            f"{where}: the lens model '{str(model)[:40]}' cannot be written without loss as k1 k2 p1 p2 k3 (k4 k5 k6), nor as "
             "cv2.fisheye's k1 k2 k3 k4, so it is refused. Calibrate with one of these models, or undistort the images and give "
             "their new matrix without distortion."
         )
     return _IS_FISHEYE[plain]
+
+
+def plain_word(word: Any) -> str:
+    """Return a word in small letters and digits alone: names that people write differ in the rest."""
+    return "".join(sign for sign in str(word).lower() if sign.isalnum())
 
 
 def numbers(value: Any, where: str, *shapes: tuple[int, ...], expected: str = "") -> Array[*Axes]:

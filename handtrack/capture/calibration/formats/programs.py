@@ -252,16 +252,8 @@ def _qualisys_camera(element: Element, where: str) -> ImportedCamera:
 
 def _attributes(element: Element | None, keys: str, where: str) -> Floats:
     assert element is not None
-    found = []
-    for key in keys.split():
-        text = element.get(key, "0" if key in _MAY_LACK else "")
-        try:
-            found.append(float(text))
-        except ValueError:
-            found.append(math.nan)
-        if not math.isfinite(found[-1]):
-            raise HandtrackError(f"{where}: {element.tag} {key} = '{text}'; expected a number.")
-    return np.array(found)
+    texts = [element.get(key, "0" if key in _MAY_LACK else "") for key in keys.split()]
+    return numbers(texts, f"{where}, {element.tag} {keys}")
 
 
 # ---- an image a camera
@@ -279,7 +271,7 @@ def read_splatting(tree: Any, where: str) -> ImportedRig | None:
         or not all(isinstance(t, Mapping) and keys <= t.keys() for t in tree)
     ):
         return None
-    _check_count(tree, where)
+    _check_count(len(tree), where)
     cameras = []
     for table in tree:
         place = f"{where}, image '{table['img_name']}'"
@@ -305,7 +297,7 @@ def read_nerf(tree: Any, where: str) -> ImportedRig | None:
         isinstance(f, Mapping) and "transform_matrix" in f for f in frames
     ):
         return None
-    _check_count(frames, where)
+    _check_count(len(frames), where)
     cameras = []
     for frame in frames:
         table = {**tree, **frame}
@@ -334,10 +326,11 @@ def read_nerf(tree: Any, where: str) -> ImportedRig | None:
     return ImportedRig("NeRF's transforms.json", tuple(cameras), any_unit=True)
 
 
-def _check_count(images: list[Any], where: str) -> None:
-    if len(images) > _MOST:
+def _check_count(count: int, where: str | Path) -> None:
+    if count > _MOST:
         raise HandtrackError(
-            f"{where}: {len(images)} images; expected one of each camera of a rig that stands still, at most {_MOST}."
+            f"{where}: more than {_MOST} images; expected one of each camera of a rig that stands still. Keep one image a camera "
+            "(in a COLMAP model: `colmap image_deleter`)."
         )
 
 
@@ -437,7 +430,7 @@ def _text_images(path: Path) -> _Images:
         if line.strip():
             _, *pose, camera, name = line.split(maxsplit=9)
             images.append((name.strip(), int(camera), tuple(map(float, pose))))
-            _check_images(len(images), path)
+            _check_count(len(images), path)
             next(rows, None)  # its points
     return images
 
@@ -445,7 +438,7 @@ def _text_images(path: Path) -> _Images:
 def _binary_lenses(path: Path) -> _Lenses:
     with path.open("rb") as file:
         (count,) = _take(file, "<Q")
-        _check_images(count, path)
+        _check_count(count, path)
         lenses: _Lenses = {}
         for _ in range(count):
             number, model, width, height = _take(file, "<IiQQ")
@@ -460,7 +453,7 @@ def _binary_lenses(path: Path) -> _Lenses:
 def _binary_images(path: Path) -> _Images:
     with path.open("rb") as file:
         (count,) = _take(file, "<Q")
-        _check_images(count, path)
+        _check_count(count, path)
         images = []
         for _ in range(count):
             _, *pose, camera = _take(file, "<I7dI")
@@ -477,14 +470,6 @@ def _binary_images(path: Path) -> _Images:
 
 def _take(file: BinaryIO, form: str) -> tuple:
     return struct.unpack(form, file.read(struct.calcsize(form)))
-
-
-def _check_images(count: int, path: Path) -> None:
-    if count > _MOST:
-        raise HandtrackError(
-            f"{path}: more than {_MOST} images; expected one of each camera of a rig that stands still. Keep one image a camera "
-            "in the model (`colmap image_deleter`)."
-        )
 
 
 def _camera_names(names: list[str], path: Path) -> list[str]:

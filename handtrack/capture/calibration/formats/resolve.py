@@ -16,6 +16,7 @@ from handtrack.capture.calibration.formats.imported_rig import (
     ImportedCamera,
     ImportedRig,
     five_or_more,
+    plain_word,
     with_names,
 )
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
@@ -95,7 +96,7 @@ def _respelled(rig: ImportedRig, wished: Sequence[str]) -> tuple[ImportedRig, st
 
 def _bare(name: str) -> str:
     """Return a name without what people write before and between: `Camera_00` and `cam0` are both `0`."""
-    plain = "".join(sign for sign in name.lower() if sign.isalnum())
+    plain = plain_word(name)
     digits = re.fullmatch(r"(?:camera|cam|port|view|c)?0*(\d+)", plain)
     return digits[1] if digits else plain
 
@@ -203,13 +204,16 @@ def unit_of(rig: ImportedRig, length: float | None = None, subject: Subject = HA
         return Unit(1.0, True, "")
     axes = tuple(c.without_lens() if c.needs_view else c for c in rig.cameras)
     in_units = replace(rig, cameras=axes).rig(1.0)
-    likely = likely_units(in_units, subject.size_m)
+    apart, depths = _spacing(in_units)
+    likely = _likely_units(in_units, apart, depths, subject.size_m)
     guess = likely[0] if len(likely) == 1 else None
     what = "hands" if subject is HAND else "bodies"
     seen, none = (
-        f"the cameras are {rig_in_words(in_units)}",
+        f"the cameras are {_range(apart, 'apart')}",
         f"for {what} is neither metres nor millimetres",
     )
+    if depths is not None:
+        seen += f", and look at a place {_range(depths.tolist(), 'away')}"
     if length is not None and (guess is None or rig.any_unit):
         likely = [unit for unit in _WITH_JOINTS if subject.fits(length * unit)]
         guess = likely[0] if likely else float(f"{subject.usual_m / length:.2g}")
@@ -228,12 +232,13 @@ def _words(unit_m: float) -> str:
     return UNITS_M.get(unit_m, f"{unit_m:g} m")
 
 
-def likely_units(rig: CameraRig, size_m: float) -> list[float]:
+def _likely_units(
+    rig: CameraRig, apart: list[float], depths: Floats[C] | None, size_m: float
+) -> list[float]:
     """Return which units, metres each, a rig with translations in file units may have; all where nothing depends on it.
 
     size_m: of what is tracked.
     """
-    apart, depths = _spacing(rig)
     if not apart or max(apart) == 0:
         return [1.0]
     if depths is None:
@@ -242,17 +247,6 @@ def likely_units(rig: CameraRig, size_m: float) -> list[float]:
     spans = np.array([camera.focal_px / min(camera.size) for camera in rig]) * size_m
     share = float(np.median(spans / depths))
     return [unit for unit in UNITS_M if _SEEN[0] <= share / unit <= _SEEN[1]]
-
-
-def rig_in_words(rig: CameraRig) -> str:
-    """Return how far cameras stand apart, and what they look at, in file units."""
-    apart, depths = _spacing(rig)
-    words = _range(apart, "apart")
-    return (
-        words
-        if depths is None
-        else f"{words}, and look at a place {_range(depths.tolist(), 'away')}"
-    )
 
 
 def _range(values: Sequence[float], word: str) -> str:
