@@ -49,11 +49,11 @@ def check_file(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
         )
 
 
-def first_bytes(path: Path) -> bytes:
+def first_bytes(path: Path, count: int = 4096) -> bytes:
     """Return how a file begins. Raises HandtrackError where it cannot be read."""
     try:
         with path.open("rb") as file:
-            return file.read(4096)
+            return file.read(count)
     except OSError as error:
         raise HandtrackError(f"{path}: cannot be read ({error.strerror}).") from None
 

@@ -167,13 +167,13 @@ def test_skin_ellipse_from_samples_with_size_as_threshold(rng):
     ellipse = fit_skin_ellipse(np.vstack([tone * shade, background]).astype(np.uint8), size=3.0)
 
     def share(colors, chosen=ellipse):
-        return filters.skin_coloured(colors, len(colors), chosen).mean()
+        return filters.skin_coloured(PointCloud(0.0 * colors, colors), chosen).mean()
 
     skin = (tone * 0.7).astype(np.uint8)
     assert share(skin) > 0.95
     assert share(background) == share(np.zeros((2, 3), np.uint8)) == 0.0
     assert share(skin, replace(ellipse, size=0.5)) < 0.4
-    assert filters.skin_coloured(None, 4, ellipse).all()
+    assert filters.skin_coloured(PointCloud(np.zeros((4, 3))), ellipse).all()
     with pytest.raises(HandtrackError, match="at least 20 .* found 3"):
         fit_skin_ellipse(skin[:3])
 

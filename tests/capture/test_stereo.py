@@ -70,7 +70,7 @@ def test_a_plane_is_found_where_it_is(arrangement, method, texture):
     pixel = PLANE_M**2 / (300 * matcher.pair.baseline_m)  # of disparity, in depth
     assert np.median(error) < (0.2 if method == "sgbm" else 0.06) * pixel
     assert np.quantile(error, 0.98) < 0.01
-    left = matcher.pair.left_real
+    left = matcher.pair.real[0]
     pixels = left.project(cloud.points).round().astype(int)
     there = images[left is second][pixels[:, 1].clip(0, 179), pixels[:, 0].clip(0, 239), ::-1]
     assert np.median(np.abs(there.astype(int) - cloud.colors)) < 12

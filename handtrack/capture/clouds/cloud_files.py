@@ -6,7 +6,9 @@ points costs no more memory than the part of it that is kept.
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from handtrack.capture.clouds.cloud_filters import finite
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
+from handtrack.files.text_files import first_bytes
 
 SUFFIXES = (".ply", ".npz")
 MOST_POINTS = 1_000_000  # read from one file: bounds memory and time; a hand needs thousands
@@ -63,11 +66,8 @@ def write_cloud(path: Path, cloud: PointCloud, world_unit_m: float = 1.0) -> Non
         colors = cloud.colors if len(points) else np.zeros((0, 3), np.uint8)  # trimesh wants them
         path.write_bytes(export_ply(trimesh.PointCloud(points, colors)))
     elif path.suffix.lower() == ".npz":
-        single = points.astype(np.float32)
-        if cloud.colors is None:
-            np.savez_compressed(path, points=single)
-        else:
-            np.savez_compressed(path, points=single, colors=cloud.colors)
+        arrays: dict[str, Any] = {"points": points.astype(np.float32), "colors": cloud.colors}
+        np.savez_compressed(path, **{k: array for k, array in arrays.items() if array is not None})
     else:
         raise HandtrackError(f"{path}: neither .ply nor .npz.")
 
@@ -126,14 +126,18 @@ def _eight_bit(colors: Array) -> Array:
 
 
 _TYPES = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
+    word: kind
+    for kind, words in {
+        "i1": "char int8",
+        "u1": "uchar uint8",
+        "i2": "short int16",
+        "u2": "ushort uint16",
+        "i4": "int int32",
+        "u4": "uint uint32",
+        "f4": "float float32",
+        "f8": "double float64",
+    }.items()
+    for word in words.split()
 }
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _COLOURS = (
@@ -161,7 +165,7 @@ def read_ply(path: Path, most: int) -> tuple[Floats[N, D3], Array[N, D3] | None,
     if count == 0:
         return np.zeros((0, 3)), None, 0
     if count > path.stat().st_size:  # do not believe any header
-        raise _cut_off(path, count, None)
+        raise _cut_off(path, count, "fewer")
     read = _binary if order else _ascii
     kind = np.dtype([(name, order + kind) for name, kind in fields])
     table = read(path, kind, count, start, spread_part(count, most))
@@ -182,19 +186,13 @@ def spread_part(count: int, most: int) -> Array[M]:
 
 def _header(path: Path) -> tuple[str, int, list[tuple[str, str]], int]:
     """Return numpy's sign for the byte order, empty for ascii; how many vertices there are; their properties; the first byte after the header."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(_LONGEST_HEADER)
-    except OSError as error:
-        raise HandtrackError(f"{path}: cannot be read ({error.strerror}).") from None
+    head = first_bytes(path, _LONGEST_HEADER)
     end = head.find(b"end_header")
     if not head.startswith(b"ply") or end < 0:
         raise HandtrackError(
             f"{path}: not a .ply file; it has no header from `ply` to `end_header`."
         )
-    start = head.find(b"\n", end) + 1
-    if start == 0:
-        start = len(head)
+    start = head.find(b"\n", end) + 1 or len(head)
     order: str | None = None
     count, fields, elements = -1, [], []
     for line in head[:end].decode("ascii", errors="replace").splitlines():
@@ -233,12 +231,9 @@ def _ascii(path: Path, kind: np.dtype, count: int, start: int, picked: Array) ->
     with path.open("rb") as file:
         file.seek(start)
         seen = 0
-        for line in file:
-            if seen == count:
-                break
-            if wanted[seen]:
+        for seen, line in enumerate(islice(file, count), 1):
+            if wanted[seen - 1]:
                 rows.append(line.decode("ascii", errors="replace"))
-            seen += 1
     if seen < count:
         raise _cut_off(path, count, seen)
     try:
@@ -256,10 +251,9 @@ def _ascii(path: Path, kind: np.dtype, count: int, start: int, picked: Array) ->
     return table
 
 
-def _cut_off(path: Path, announced: int, found: int | None) -> HandtrackError:
-    holds = "fewer" if found is None else found
+def _cut_off(path: Path, announced: int, found: int | str) -> HandtrackError:
     return HandtrackError(
-        f"{path}: announces {announced} points, but holds {holds}; the file is cut off. Write it "
+        f"{path}: announces {announced} points, but holds {found}; the file is cut off. Write it "
         "again."
     )
 
@@ -267,8 +261,5 @@ def _cut_off(path: Path, announced: int, found: int | None) -> HandtrackError:
 def _colors(table: Array, names: list[str]) -> Array | None:
     for triple in _COLOURS:
         if set(triple) <= set(names):
-            columns = np.column_stack([table[name] for name in triple])
-            if columns.dtype.kind == "f":  # 0 to 1
-                columns = np.nan_to_num(columns) * 255.0
-            return np.clip(columns, 0, 255).astype(np.uint8)
+            return _eight_bit(np.column_stack([table[name] for name in triple]))
     return None

@@ -185,7 +185,7 @@ class CloudFilters:
             steps.append(("crop", text, lambda c: near_hand(c.points, hand_distance, crop)))
         if skin is not None:
             text = f"skin colour, ellipse of {skin.size:g} standard deviations"
-            steps.append(("skin", text, lambda c: skin_coloured(c.colors, len(c), skin)))
+            steps.append(("skin", text, lambda c: skin_coloured(c, skin)))
         if part == "largest":
             steps.append(("component", "the largest part", lambda c: largest_part(c.points)))
         if part == "nearest" and centres is not None:
@@ -241,18 +241,16 @@ def near_hand(points: Floats[N, D3], hand_distance: HandDistance, crop_m: float)
     )
 
 
-def skin_coloured(colors: Array[N, D3] | None, count: int, skin: SkinEllipse) -> Array[N]:
-    """Return which colours uint8 RGB lie in the skin's ellipse; all where there are none."""
-    if colors is None:
-        return np.ones(count, bool)
-    return np.less_equal(skin.distance(colors), skin.size)
+def skin_coloured(cloud: PointCloud, skin: SkinEllipse) -> Array[N]:
+    """Return which points' colours lie in the skin's ellipse; all where there are none."""
+    if cloud.colors is None:
+        return np.ones(len(cloud), bool)
+    return np.less_equal(skin.distance(cloud.colors), skin.size)
 
 
 def largest_part(points: Floats[N, D3]) -> Array[N]:
     """Return which points belong to the largest part that hangs together, by touching cells
     of side _LINK_M."""
-    if len(points) == 0:
-        return np.zeros(0, bool)
     part = _parts(points)
     inside: Array = part == np.argmax(np.bincount(part))
     return inside
@@ -271,8 +269,6 @@ def nearest_part(
     nearest hundredth. front_m: of that part, only what hangs together within front_m behind this
     distance [m] stays.
     """
-    if len(points) == 0:
-        return np.zeros(0, bool)
     distance = np.min([np.linalg.norm(points - centre, axis=1) for centre in centres], axis=0)
     about = np.zeros(len(points), bool)
     if hand_distance is not None:

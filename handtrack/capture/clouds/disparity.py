@@ -18,7 +18,7 @@ def correlate(
     right: Bytes[H, W],
     least: int,
     most: int,
-    window_px: int = 9,
+    window_px: int,
 ) -> tuple[Array[H, W], Array[H, W]]:
     """Return the disparities of two rectified grey images uint8, left x is right x − d: of the left pixels, between whole pixels, and
     of the right ones, whole; float32, NaN where none.
@@ -191,12 +191,16 @@ def matches(
 
 def consistent(left: Array[H, W], right: Array[H, W], tolerance_px: float) -> Array[H, W]:
     """Return where left disparities are also those of the right pixels they lead to."""
-    columns = np.arange(left.shape[1])
-    partner = columns - np.nan_to_num(left).round().astype(int)
-    inside = (partner >= 0) & (partner < left.shape[1])
-    back = np.take_along_axis(right, np.where(inside, partner, 0), axis=1)
+    inside, back = at_partners(right, left)
     with np.errstate(invalid="ignore"):
         return inside & (np.abs(left - back) <= tolerance_px)
+
+
+def at_partners(values: Array[H, W], found: Array[H, W]) -> tuple[Array[H, W], Array[H, W]]:
+    """Return whether left disparities lead to right pixels, and the right image's values there."""
+    partner = np.arange(found.shape[1]) - np.nan_to_num(found).round().astype(int)
+    inside = np.isfinite(found) & (partner >= 0) & (partner < found.shape[1])
+    return inside, np.take_along_axis(values, np.where(inside, partner, 0), axis=1)
 
 
 def without_speckles(found: Array[H, W], least_px: int) -> Array[H, W]:

@@ -6,6 +6,8 @@ of their own, and two cameras that are turned towards each other keep what both 
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import cv2
 import numpy as np
 
@@ -15,6 +17,7 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, camera_matrix
 from handtrack.geometry.lens import remap_source
 
+_T = TypeVar("_T")
 _BORDER_STEPS = 25  # points along each side of an image when its rectified place is looked for
 _MOST_GROWTH = 1.5  # of a rectified image over the real one
 _LEAST_BASELINE_M = 1e-4
@@ -28,13 +31,12 @@ class RectifiedPair:
 
     left: Camera
     right: Camera
-    left_real: Camera
-    right_real: Camera
+    real: tuple[Camera, Camera]
+    """of the left and of the right one"""
     swapped: bool
     """whether the first of the two given cameras is `right`."""
-    left_source: Floats[H, W, D2]
-    """float32: the place in the real image of each rectified pixel."""
-    right_source: Floats[H, W, D2]
+    source: tuple[Floats[H, W, D2], Floats[H, W, D2]]
+    """float32: the place in the real images of each rectified pixel."""
 
     @property
     def baseline_m(self) -> float:
@@ -71,19 +73,23 @@ class RectifiedPair:
         )
         return (across * depth[:, None]) @ self.left.rotation + self.left.centre
 
+    def by_side(self, first: _T, second: _T) -> tuple[_T, _T]:
+        """Return what the two given cameras have, the left one's before the right one's."""
+        return (second, first) if self.swapped else (first, second)
+
     def rectify(
         self,
         image: Array[H, W, *Axes],
-        right: bool,
+        side: int,
         linear: bool = True,
         along_level_lines: bool = False,
     ) -> Array[K, L, *Axes]:
-        """Return an image (H, W) or (H, W, 3) of a real camera as the virtual one sees it.
+        """Return an image (H, W) or (H, W, 3) of a real camera as the virtual one sees it. side: 0 left, 1 right.
 
         linear: interpolate, and repeat the border outside, which makes no edges; false for masks,
         0 outside. along_level_lines: interpolate by the 2004 paper's rule (§2.2) instead of bilinearly.
         """
-        source = self.right_source if right else self.left_source
+        source = self.source[side]
         if linear and along_level_lines:
             return np.round(level_line_at(image, *np.moveaxis(source, -1, 0))).astype(image.dtype)
         how = cv2.INTER_LINEAR if linear else cv2.INTER_NEAREST
@@ -128,13 +134,10 @@ def rectified(first: Camera, second: Camera) -> RectifiedPair:
     rotation: Floats = np.asarray([x, np.cross(z, x), z], dtype=float)
     left, right = (second, first) if swapped else (first, second)
     focal = float(np.mean([np.diag(c.matrix)[:2] for c in (first, second)]))
-    spans = [_span(camera, rotation, focal) for camera in (left, right)]
-    rows = _limited(
-        max(s[1][0] for s in spans),
-        min(s[1][1] for s in spans),
-        max(c.size[1] for c in (left, right)),
-    )
-    columns = [_limited(*s[0], c.size[0]) for s, c in zip(spans, (left, right))]
+    lows, highs = np.stack([_span(camera, rotation, focal) for camera in (left, right)], axis=1)
+    rows = _limited(lows[:, 1].max(), highs[:, 1].min(), max(left.size[1], right.size[1]))
+    widths = left.size[0], right.size[0]
+    columns = [_limited(*span) for span in zip(lows[:, 0], highs[:, 0], widths)]
     width = int(max(high - low for low, high in columns)) + 1
     height = int(rows[1] - rows[0]) + 1
     if height < 8:
@@ -155,24 +158,21 @@ def rectified(first: Camera, second: Camera) -> RectifiedPair:
                 np.asarray(-rotation @ camera.centre, dtype=float),
             )
         )
-    maps = [_source(real, flat) for real, flat in zip((left, right), virtual)]
-    return RectifiedPair(virtual[0], virtual[1], left, right, swapped, maps[0], maps[1])
+    source = _source(left, virtual[0]), _source(right, virtual[1])
+    return RectifiedPair(virtual[0], virtual[1], (left, right), swapped, source)
 
 
-def _span(
-    camera: Camera, rotation: Floats, focal: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return where the image lies on the rectified plane: least and most column, then row [px],
-    from the foot of the camera."""
+def _span(camera: Camera, rotation: Floats, focal: float) -> Floats[D2, D2]:
+    """Return where the image lies on the rectified plane: least column and row [px] from the foot of
+    the camera, then the most."""
     width, height = camera.size
     across = np.linspace(0, width - 1, _BORDER_STEPS)
     down = np.linspace(0, height - 1, _BORDER_STEPS)
-    u, v = (a.reshape(-1) for a in np.meshgrid(across, down))
-    rays = camera.rays(np.column_stack([u, v])) @ rotation.T
+    border = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    rays = camera.rays(border) @ rotation.T
     rays = rays[np.isfinite(rays).all(axis=1) & (rays[:, 2] > 0.1)]
     flat = focal * rays[:, :2] / rays[:, 2:]
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+    return np.stack([flat.min(axis=0), flat.max(axis=0)])
 
 
 def _limited(low: float, high: float, real: int) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from handtrack.capture.clouds.depth import surface_pixels
 from handtrack.capture.clouds.disparity import (
     REJECTED,
     StereoSettings,
+    at_partners,
     matches,
     moved_right,
 )
@@ -77,7 +78,7 @@ class StereoMatcher:
         """
         if self.settings.near_m is not None:
             return self.settings.near_m
-        shift_px = _SHARED_SHIFT * self.pair.left_real.size[0]
+        shift_px = _SHARED_SHIFT * self.pair.real[0].size[0]
         both = float(self.pair.left.matrix[0, 0]) * self.pair.baseline_m / shift_px
         return min(max(both, _CLOSEST_M), _NEAR_M, 0.5 * self.settings.far_m)
 
@@ -100,32 +101,34 @@ class StereoMatcher:
 
         Masks: only pixels > 0 are matched, in their own image.
         """
-        images = self._rectify((first, second), True)
-        masks = self._rectify((first_mask, second_mask), False)
-        left, right = images
-        assert left is not None
-        assert right is not None
-        wanted = _wanted(masks[0], self.pair, right=False)
+        left, right = (
+            self.pair.rectify(image, side, along_level_lines=self.along_level_lines)
+            for side, image in enumerate(self.pair.by_side(first, second))
+        )
+        wanted, partner = (
+            _wanted(mask, self.pair, side)
+            for side, mask in enumerate(self.pair.by_side(first_mask, second_mask))
+        )
         least, most = self.range_px
         found = np.full_like(wanted, np.nan, np.float32)
-        box = _box(wanted)
-        asked = int(wanted.sum())
         rejected = np.zeros_like(found, np.uint8)
+        view = StereoView(left, right, found, int(wanted.sum()), rejected)
+        box = _box(wanted)
         if box is None or most < least:
-            return StereoView(left, right, found, asked, rejected)
-        partner = _wanted(masks[1], self.pair, right=True)
+            return view
         rows, columns = box
-        least, most = self._narrowed(left, right, wanted, partner, box)
+        least, most = self._narrowed(left, right, wanted, rows)
         # the same columns of the right image hold every partner once it is moved by `least`
         window = slice(max(columns.start - (most - least), 0), columns.stop)
         moved = moved_right(right[rows], least)
         kept, thrown = matches(left[rows, window], moved[:, window], 0, most - least, self.settings)
         found[rows, window], rejected[rows, window] = kept + least, thrown
-        astray = np.isfinite(found) & ~_leads_into(partner, found)
+        inside, there = at_partners(partner, found)
+        astray = np.isfinite(found) & ~(inside & there)
         rejected[astray] = _ASTRAY
         found[astray | ~wanted] = np.nan
         rejected[~wanted] = 0
-        return StereoView(left, right, found, asked, rejected)
+        return view
 
     def triangulate(self, view: StereoView) -> PointCloud:
         """Return the coloured points (N, 3), world [m], of a matched pair."""
@@ -139,32 +142,15 @@ class StereoMatcher:
             return EMPTY
         return PointCloud(points[keep], view.left[rows, columns, ::-1][keep])
 
-    def _rectify(
-        self, pictures: tuple[Bytes | None, Bytes | None], linear: bool
-    ) -> tuple[Bytes | None, Bytes | None]:
-        """Return what the left and the right virtual camera see of the first and second picture."""
-        left, right = pictures[::-1] if self.pair.swapped else pictures
-        along = self.along_level_lines
-        return (
-            None if left is None else self.pair.rectify(left, False, linear, along),
-            None if right is None else self.pair.rectify(right, True, linear, along),
-        )
-
-    def _narrowed(
-        self, left: Bytes, right: Bytes, wanted: Array, partner: Array, box: tuple[slice, slice]
-    ) -> tuple[int, int]:
+    def _narrowed(self, left: Bytes, right: Bytes, wanted: Array, rows: slice) -> tuple[int, int]:
         """Return the range of disparities that a match of small images leaves, as a hand has
         little depth beside the range searched."""
         least, most = self.range_px
         if most - least < 2 * _COARSE * _COARSE:
             return least, most
-        rows = box[0]
         small = [_smaller(image[rows]) for image in (left, right)]
-        settings = StereoSettings(
-            self.settings.method,
-            _COARSE_WINDOW_PX,
-            speckle_px=_COARSE_LEAST // 2,
-        )
+        method, speckle_px = self.settings.method, _COARSE_LEAST // 2
+        settings = StereoSettings(method, _COARSE_WINDOW_PX, speckle_px=speckle_px)
         low, high = least // _COARSE, -(-most // _COARSE)
         coarse, _ = matches(small[0], small[1], low, high, settings)
         inside = wanted[rows][_COARSE // 2 :: _COARSE, _COARSE // 2 :: _COARSE]
@@ -180,26 +166,22 @@ class StereoMatcher:
         )
 
 
-def _wanted(mask: Array | None, pair: RectifiedPair, right: bool) -> Array:
+def _wanted(mask: Array | None, pair: RectifiedPair, side: int) -> Array:
     """Return where a rectified image (H, W) may be matched: in the mask, and in the real image."""
-    source = pair.right_source if right else pair.left_source
-    x, y = np.moveaxis(source, -1, 0)
-    width, height = (pair.right_real if right else pair.left_real).size
+    x, y = np.moveaxis(pair.source[side], -1, 0)
+    width, height = pair.real[side].size
     inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
-    return inside if mask is None else inside & (mask > 0)
+    return inside if mask is None else inside & (pair.rectify(mask, side, linear=False) > 0)
 
 
 def _box(wanted: Array) -> tuple[slice, slice] | None:
     """Return rows and columns around what is wanted, with room for the windows."""
-    rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
-    if len(rows) == 0:
+    x, y, width, height = cv2.boundingRect(wanted.astype(np.uint8))
+    if width == 0:
         return None
     return (
-        slice(max(int(rows[0]) - _MARGIN_PX, 0), min(int(rows[-1]) + 1 + _MARGIN_PX, len(wanted))),
-        slice(
-            max(int(columns[0]) - _MARGIN_PX, 0),
-            min(int(columns[-1]) + 1 + _MARGIN_PX, wanted.shape[1]),
-        ),
+        slice(max(y - _MARGIN_PX, 0), min(y + height + _MARGIN_PX, wanted.shape[0])),
+        slice(max(x - _MARGIN_PX, 0), min(x + width + _MARGIN_PX, wanted.shape[1])),
     )
 
 
@@ -207,13 +189,6 @@ def _smaller(image: Bytes) -> Bytes:
     """Return the image at a quarter of its size."""
     share = 1 / _COARSE
     return cv2.resize(image, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)  # type: ignore
-
-
-def _leads_into(partner: Array, found: Array) -> Array:
-    """Return where left disparities (H, W) lead to right pixels that may be matched."""
-    target = np.arange(found.shape[1]) - np.nan_to_num(found).round().astype(int)
-    inside = np.isfinite(found) & (target >= 0) & (target < found.shape[1])
-    return inside & np.take_along_axis(partner, np.where(inside, target, 0), axis=1)
 
 
 # ---- Check why a stereo pair does not match: exchanged images, a wrong calibration, a wrong range
@@ -237,7 +212,7 @@ def check_pair(
     Looks at distinct features (SIFT) that the rectified images share: they must lie in the same
     rows, and within the range of depths searched.
     """
-    names = f"cameras '{matcher.pair.left_real.name}' and '{matcher.pair.right_real.name}'"
+    names = f"cameras '{matcher.pair.real[0].name}' and '{matcher.pair.real[1].name}'"
     pairs = _shared_features(view.left, view.right)
     share = view.matched_share
     if len(pairs) < _LEAST_FEATURES:
@@ -279,10 +254,8 @@ def _behind(matcher: StereoMatcher, first: Bytes, second: Bytes) -> bool:
     """Return whether features lie behind the cameras, and do not with the images exchanged."""
 
     def share_before(a: Bytes, b: Bytes) -> float:
-        left, right = (b, a) if matcher.pair.swapped else (a, b)
-        pairs = _shared_features(
-            matcher.pair.rectify(left, False), matcher.pair.rectify(right, True)
-        )
+        sides = enumerate(matcher.pair.by_side(a, b))
+        pairs = _shared_features(*(matcher.pair.rectify(image, side) for side, image in sides))
         if len(pairs) < _LEAST_FEATURES:
             return 0.0
         level = np.abs(pairs[:, 1] - pairs[:, 3]) <= 4 * _ROW_PX

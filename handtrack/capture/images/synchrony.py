@@ -121,6 +121,8 @@ def time_offsets(motions: Sequence[tuple[ImageMotion, ImageMotion]]) -> dict[int
     moves agrees at the lag o_k − o_i, so that one pair may err. Compared are neighbours in the order of the cameras, and all pairs
     of up to seven.
     """
+    from scipy.sparse.csgraph import connected_components
+
     count = len(motions)
     near = {
         tuple(sorted((i, (i + step) % count)))
@@ -134,9 +136,12 @@ def time_offsets(motions: Sequence[tuple[ImageMotion, ImageMotion]]) -> dict[int
         if not np.isnan(both[:, _MOST_LATE]).any()
     }
     fine |= {(k, i): both[:, ::-1] for (i, k), both in fine.items()}
-    cameras = _connected(fine)
-    if len(cameras) < 2:
+    if not fine:
         return {}
+    compared = np.zeros((count, count), bool)
+    compared[tuple(np.transpose(list(fine)))] = True
+    group = connected_components(compared, directed=False)[1]
+    cameras = np.flatnonzero(group == np.bincount(group).argmax()).tolist()
     fine = {pair: both for pair, both in fine.items() if pair[0] in cameras}
     together = {pair: both.mean(axis=0) for pair, both in fine.items()}
     none = np.zeros(count, int)
@@ -173,15 +178,6 @@ def _in_tenths(curve: Floats[L]) -> Floats[N]:
     there = (steps >= known[0]) & (steps <= known[-1])
     fine[there] = CubicSpline(known, curve[known])(steps[there]) if len(known) > 1 else curve[known]
     return fine
-
-
-def _connected(pairs: Mapping[tuple[int, int], object]) -> list[int]:
-    """Return the largest set of cameras that pairs connect."""
-    groups: list[set[int]] = []
-    for pair in pairs:
-        joined = [group for group in groups if group & set(pair)]
-        groups = [g for g in groups if g not in joined] + [set(pair).union(*joined)]
-    return sorted(max(groups, key=len)) if groups else []
 
 
 def _scores(pairs: Mapping[tuple[int, int], Floats[N]], camera: int, offsets: Ints[N]) -> Floats[N]:
