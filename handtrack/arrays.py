@@ -34,8 +34,8 @@ X = Y = Z = Axis
 """cells of a grid in space"""
 K = L = M = N = Q = R = Axis
 """as many as there are: N points, rows or poses, M others"""
-B6 = P2 = Axis
-"""6 B: a twist a bone; 2 P: places and velocities"""
+P2 = Axis
+"""2 P: places and velocities"""
 D2 = D3 = D4 = D5 = D6 = D7 = D8 = D9 = D12 = D13 = D16 = D21 = D24 = Axis
 """just so many: D3 are x, y, z; D21 the keypoints of a hand"""
 

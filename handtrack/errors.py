@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 
 class HandtrackError(Exception):
@@ -16,6 +16,18 @@ def unknown_name(kind: str, given: str, known: Sequence[str], where: str = "") -
     """Return the error for a name that does not exist, with the one that may be meant and all that do."""
     place = f" in {where}" if where else ""
     return HandtrackError(f"no {kind} '{given}'{place}; {listed_names(given, known)}")
+
+
+def check_name(kind: str, given: str, known: Collection[str], where: str = "") -> None:
+    """Raise HandtrackError unless a name exists, as `unknown_name` has it."""
+    if given not in known:
+        raise unknown_name(kind, given, tuple(known), where)
+
+
+def index_of(kind: str, given: str, known: Sequence[str], where: str = "") -> int:
+    """Return which of the known names is given. Raises HandtrackError for another."""
+    check_name(kind, given, known, where)
+    return known.index(given)
 
 
 def listed_names(given: str, known: Sequence[str], what: str = "known") -> str:

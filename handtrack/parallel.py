@@ -7,7 +7,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ContextDecorator, suppress
+from contextlib import ContextDecorator
 from functools import lru_cache
 from typing import Any, Generic, TypeVar
 
@@ -54,7 +54,8 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 class _OneBlasThread(ContextDecorator):
     def __init__(self) -> None:
-        self._inside, self._limit = 0, None
+        self._inside = 0
+        self._limit: Any = None
         self._unlock()
         if hasattr(os, "register_at_fork"):
             # a copy of this process has only the thread that forked, not the one that held the lock
@@ -65,16 +66,15 @@ class _OneBlasThread(ContextDecorator):
 
     def __enter__(self) -> None:
         with self._lock:
-            if self._inside == 0 and (controller := _blas()) is not None:
-                _take_control(controller)
-                self._limit = controller.limit(limits=1, user_api="blas")
+            if self._inside == 0:
+                self._limit = _controlled_blas().limit(limits=1, user_api="blas")
             self._inside += 1
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._inside -= 1
-            if self._inside == 0 and self._limit is not None:
-                _take_control(_blas())
+            if self._inside == 0:
+                _controlled_blas()
                 self._limit.restore_original_limits()
 
 
@@ -83,23 +83,22 @@ one_blas_thread = _OneBlasThread()
 process. Matrices here are small: more threads only wait for each other, and change the order of sums."""
 
 
-def _take_control(controller: Any) -> None:
-    """Let this thread set how many threads BLAS takes: in threadpoolctl 3.8 the first thread that ever did holds
-    that alone."""
+def _controlled_blas() -> Any:
+    """Return what sets how many threads BLAS takes, from this thread: in threadpoolctl 3.8 the first one that ever did holds that
+    alone."""
+    controller = _blas()
     for library in controller.lib_controllers:
         if hasattr(library, "clear_controlling_thread"):
             library.clear_controlling_thread(force=True)
+    return controller
 
 
 @lru_cache(maxsize=1)
 def _blas() -> Any:
     import scipy.linalg  # noqa: F401  its BLAS is to be loaded, which compiled code uses too
+    from threadpoolctl import ThreadpoolController
 
-    with suppress(ImportError):  # an environment that was made before this was needed
-        from threadpoolctl import ThreadpoolController
-
-        return ThreadpoolController()
-    return None
+    return ThreadpoolController()
 
 
 class LRUCache(Generic[Key, Value]):

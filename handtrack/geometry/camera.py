@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D2, D3, D4, Array, Axes, Floats, K, array_dataclass
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError, index_of
 from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
 from handtrack.geometry.rotation import rotation_matrix
 
@@ -195,17 +195,11 @@ class CameraRig:
     def names(self) -> tuple[str, ...]:
         return tuple(camera.name for camera in self.cameras)
 
-    @cached_property
-    def _by_name(self) -> dict[object, Camera]:
-        return {camera.name: camera for camera in self.cameras}
-
     def __getitem__(self, name: str) -> Camera:
-        if name not in self._by_name:
-            raise unknown_name("camera", name, self.names)
-        return self._by_name[name]
+        return self.cameras[index_of("camera", name, self.names)]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._by_name
+        return name in self.names
 
     def __iter__(self) -> Iterator[Camera]:
         return iter(self.cameras)

@@ -30,7 +30,7 @@ from handtrack.arrays import (
     check_shape,
     indices,
 )
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError
 from handtrack.model import kinematics
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -283,9 +283,7 @@ class ArticulatedModel:
         joint = np.zeros(len(self.parameter_names))
         given = np.zeros(len(joint), bool)
         for name, value in values.items():
-            if name not in self.parameter_names:
-                raise unknown_name("parameter", name, self.parameter_names)
-            at = self.parameter_names.index(name)
+            at = self.skeleton.parameter(name)
             joint[at], given[at] = value, True
         params = self.transform.solver_params(joint, given)
         off = np.where(given, np.abs(self.joint_params(params) - joint), 0.0)

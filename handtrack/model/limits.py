@@ -23,21 +23,20 @@ class Limits:
     interval: Floats[S, D2]
     narrowed: Ints[N, D2]
     """indices of parameters."""
-    narrow_at: Floats[N]
+    narrow_at: float
     """[rad]"""
-    narrow_to: Floats[N]
+    narrow_to: float
     """share of the interval's width that is left."""
 
     def bounds(self, joint_params: Floats[*Axes]) -> Floats[*Axes]:
         """Return the intervals (…, S, 2) that hold at joint parameters (…, S)."""
         bounds = np.tile(self.interval, (*joint_params.shape[:-1], 1, 1))
-        if len(self.narrowed):
-            which, by = self.narrowed.T
-            bend = np.clip(joint_params[..., by] / self.narrow_at, 0.0, 1.0)
-            share = 1.0 - (1.0 - self.narrow_to) * bend
-            middle = np.clip(0.0, *self.interval[which].T)[:, None]
-            wide = bounds[..., which, :] - middle
-            bounds[..., which, :] = middle + share[..., None] * wide
+        which, by = self.narrowed.T
+        bend = np.clip(joint_params[..., by] / self.narrow_at, 0.0, 1.0)
+        share = 1.0 - (1.0 - self.narrow_to) * bend
+        middle = np.clip(0.0, *self.interval[which].T)[:, None]
+        wide = bounds[..., which, :] - middle
+        bounds[..., which, :] = middle + share[..., None] * wide
         return bounds
 
 
@@ -95,12 +94,12 @@ def moving_limits(limits: Limits, transform: ParameterTransform) -> MovingLimits
     fixed, moves = which[lead[other] < 0], lead[other] >= 0
     first = limits.interval.copy()
     first[fixed] = limits.bounds(np.zeros(len(lead)))[fixed]
-    which, other, at = which[moves], other[moves], limits.narrow_at[moves]
+    which, other = which[moves], other[moves]
     last, middle = first.copy(), np.clip(0.0, *first[which].T)[:, None]
-    last[which] = middle + limits.narrow_to[moves, None] * (first[which] - middle)
+    last[which] = middle + limits.narrow_to * (first[which] - middle)
     by, begin, end = np.full(len(lead), -1), np.zeros(len(lead)), np.zeros(len(lead))
     by[which] = lead[other]
-    end[which] = at / transform.matrix[other, lead[other]]
+    end[which] = limits.narrow_at / transform.matrix[other, lead[other]]
     ratio = transform.matrix[joint, leader][:, None]
     first, last = (np.sort(ends[joint] / ratio, axis=1) for ends in (first, last))
     return MovingLimits(leader, first, by[joint], begin[joint], end[joint], last)

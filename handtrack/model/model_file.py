@@ -17,7 +17,7 @@ import numpy as np
 from msgspec import Meta
 
 from handtrack.arrays import D3, B, Floats, Ints
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError, check_name, unknown_name
 from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
 from handtrack.files.toml_text import read_toml
@@ -174,8 +174,7 @@ def load_model(
     """
     if side not in ("right", "left"):
         raise HandtrackError(f"side '{side}': a hand is 'right' or 'left'.")
-    if coupling not in COUPLINGS:
-        raise unknown_name("coupling", coupling, COUPLINGS)
+    check_name("coupling", coupling, COUPLINGS)
     table = _read_definition(str(name))
     size = scale if isinstance(scale, HandScale) else HandScale(float(scale))
     if not narrowing:
@@ -220,8 +219,7 @@ def _sized(
         )
     known = dict.fromkeys((*HAND_PARTS, *BODY_PARTS, *(bone["group"] for bone in table["bone"])))
     for part in size.parts:
-        if part not in known:
-            raise unknown_name("part of a hand or body", part, tuple(known), "its scale")
+        check_name("part of a hand or body", part, known, "its scale")
     return _build(table, "right" if kind == "body" else side, size, coupling, forearm, spread)
 
 
@@ -246,8 +244,7 @@ def scale_from(data: Any, path: Path | str) -> HandScale:
             f"{path}: a saved hand is a TOML or JSON file with a number `overall` and tables like `parts`; {error}."
         ) from None
     for part in size.parts:
-        if part not in HAND_PARTS + BODY_PARTS:
-            raise unknown_name("part of a hand or body", part, HAND_PARTS + BODY_PARTS, str(path))
+        check_name("part of a hand or body", part, HAND_PARTS + BODY_PARTS, str(path))
     return size
 
 
@@ -333,12 +330,10 @@ def _checked(table: Any, name: str) -> dict[str, Any]:
     used += [bone for bone, _ in definition["joints"].values()]
     used += [row["bone"] for rows in definition["ellipsoids"].values() for row in rows]
     for bone in used:
-        if bone not in bones:
-            raise unknown_name("bone", bone, bones, f"the model definition {name}")
+        check_name("bone", bone, bones, f"the model definition {name}")
     turns = [turn["name"] for bone in definition["bone"] for turn in bone.get("freedoms", [])]
     for turn in (n for pair in definition.get("narrowing", _FIXED)["pairs"] for n in pair):
-        if turn not in turns:
-            raise unknown_name("freedom", turn, turns, f"narrowing in the model definition {name}")
+        check_name("freedom", turn, turns, f"narrowing in the model definition {name}")
     return dict(definition)
 
 
@@ -407,8 +402,7 @@ def _build(
     offset, rest_rotation = np.zeros((len(rows), 3)), np.stack([np.eye(3)] * len(rows))
     person = _proportions(table.get("proportion", []), names, parent, frames, side)
     for name in size.proportions:
-        if name not in person.names:
-            raise unknown_name("proportion", name, person.names, f"the model {table['name']}")
+        check_name("proportion", name, person.names, f"the model {table['name']}")
     values = np.array([size.proportions.get(name, 0.0) for name in person.names])
     factors = np.array([factor[name] for name in names])[:, None] * np.exp(
         np.tensordot(values, person.stretch, axes=1)
@@ -443,13 +437,7 @@ def _build(
     pairs = np.array(
         [[parameters.index(a), parameters.index(b)] for a, b in narrowing["pairs"]], dtype=int
     ).reshape(-1, 2)
-    count = len(pairs)
-    limits = Limits(
-        interval,
-        pairs,
-        np.full(count, np.deg2rad(narrowing["at_deg"])),
-        np.full(count, float(narrowing["to"])),
-    )
+    limits = Limits(interval, pairs, np.deg2rad(narrowing["at_deg"]), float(narrowing["to"]))
     flesh = {
         key: _ellipsoids(rows_e, names, factors, shift, side)
         for key, rows_e in table["ellipsoids"].items()

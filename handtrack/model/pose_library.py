@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D3, Floats, S
-from handtrack.errors import unknown_name
+from handtrack.errors import check_name
 from handtrack.geometry.rotation import axes_along, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 
@@ -89,6 +89,5 @@ def pose_turn(name: str, side: str = "right") -> Floats[D3]:
 
 
 def _pose(name: str, kind: str = "hand") -> dict[str, Any]:
-    if name not in _library(kind):
-        raise unknown_name("pose", name, pose_names(kind))
+    check_name("pose", name, _library(kind))
     return _library(kind)[name]

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import D3, B, Floats, Ints, J, K, N, Q, array_dataclass
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError, index_of
 from handtrack.model.articulated import (
     BODY_PARTS,
     FINGERS,
@@ -21,12 +21,13 @@ from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.model.kinematics_kernels import growth_fields
 from handtrack.model.shape import ShapeNumber
 
-_HAND_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
+# adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %); statures of men and women together by ±6 %, children
+# and other markers beyond
+_SIGMA = 0.10
 POPULATION_SIGMA = 0.065
 """by which adult hands differ in length, as a logarithm: men 193 ± 10 mm, women 181 ± 10 mm (ANSUR II, Gordon et al. 2014), both together"""
 _FINGER_SIGMA = 0.04  # and a finger's share of the hand by this (Alexander & Viktor 2010)
 _ARM_SIGMA = 0.12  # forearms differ more in girth than hands in length (ANSUR II: wrist to forearm circumference)
-_BODY_SIGMA = 0.10  # statures of men and women together: ±6 %; children and other markers beyond
 # a detector's points lie 10 to 15 mm from the joints at the thumb's base and the knuckles, less elsewhere (measured with
 # MediaPipe's on real hands): 10 mm root mean square, in three directions. OpenPose's and two others' lie 16 to 50 mm from the joint centres
 # that markers say, farthest at hip and knee (Needham et al. 2021, "The accuracy of several pose estimation methods for 3D joint
@@ -132,15 +133,14 @@ class SizeParameters:
     @property
     def units(self) -> Floats[N]:
         """One deviation of each: of a logarithm, of a proportion in its own, of an offset [m]."""
-        whole = _HAND_SIGMA if self._is_hand else _BODY_SIGMA
         own = [1.0] * len(self.model.proportions.names)
         return np.array(
-            [whole, *self._sigmas.values(), *own, *[self._offset_sigma_m] * self.offset_count]
+            [_SIGMA, *self._sigmas.values(), *own, *[self._offset_sigma_m] * self.offset_count]
         )
 
     def deviations(self, scale: HandScale) -> Floats[N]:
         """Return how unusual a person is among adults; the inverse of `scale`."""
-        logs = [np.log(scale.overall) / (_HAND_SIGMA if self._is_hand else _BODY_SIGMA)]
+        logs = [np.log(scale.overall) / _SIGMA]
         logs += [np.log(scale.parts.get(name, 1.0)) / sigma for name, sigma in self._sigmas.items()]
         logs += [scale.proportions.get(n, 0.0) for n in self.model.proportions.names]
         offsets = [
@@ -156,8 +156,7 @@ class SizeParameters:
         """Return the person that is so many standard deviations from the mean adult."""
         deviations, offsets = np.split(deviations, [len(deviations) - self.offset_count])
         split = 1 + len(self._sigmas)
-        sigmas = [_HAND_SIGMA if self._is_hand else _BODY_SIGMA, *self._sigmas.values()]
-        factors = np.exp(deviations[:split] * sigmas).tolist()
+        factors = np.exp(deviations[:split] * self.units[:split]).tolist()
         moved = dict(zip(self.model.proportions.names, deviations[split:].tolist(), strict=True))
         places = (offsets * self._offset_sigma_m * 1e3).reshape(-1, 3)
         seen = dict(self.model.scale.offsets_mm)
@@ -260,7 +259,7 @@ class SizeParameters:
     def _rates(self) -> Floats:
         """(B, 3, N) by how much the logarithms of a bone's factors grow with each deviation."""
         rates = np.zeros((self.model.skeleton.bone_count, 3, len(self.names)))
-        rates[:, :, 0] = _HAND_SIGMA if self._is_hand else _BODY_SIGMA
+        rates[:, :, 0] = _SIGMA
         for k, (part, sigma) in enumerate(self._sigmas.items(), start=1):
             rates[np.array(self.model.groups) == part, :, k] = sigma
         rates[:, :, self._proportions] = self.model.proportions.stretch.transpose(1, 2, 0)
@@ -290,9 +289,8 @@ def with_number(model: ArticulatedModel, name: str, value: float) -> HandScale:
     Raises HandtrackError for another name.
     """
     size = SizeParameters(model)
-    if name not in size.names:
-        raise unknown_name("number of a shape", name, size.names)
-    k, at, came = size.names.index(name), size.deviations(model.scale), model.scale
+    k, came = index_of("number of a shape", name, size.names), model.scale
+    at = size.deviations(came)
     effect, unit = _effect(model, name, float(size.units[k]))
     if not (np.isfinite(value) and effect and value > (-100.0 if unit == "%" else -np.inf)):
         raise HandtrackError(f"{name} of the shape: {value:g} {unit} is no size that it can have.")

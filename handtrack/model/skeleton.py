@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import D3, B, Floats, Ints, K, contiguous
-from handtrack.errors import unknown_name
+from handtrack.errors import index_of
 
 KinematicTree = tuple[Ints[B], Floats[B, D3], Floats[B, D3, D3], Ints[K], Floats[K, D3]]
 ROOT_PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
@@ -70,12 +70,8 @@ class Skeleton:
 
     def bone(self, name: str) -> int:
         """Return the index of a bone; HandtrackError names the known ones."""
-        if name not in self.bone_names:
-            raise unknown_name("bone", name, self.bone_names)
-        return self.bone_names.index(name)
+        return index_of("bone", name, self.bone_names)
 
     def parameter(self, name: str) -> int:
         """Return the index of a joint parameter; HandtrackError names the known ones."""
-        if name not in self.parameter_names:
-            raise unknown_name("parameter", name, self.parameter_names)
-        return self.parameter_names.index(name)
+        return index_of("parameter", name, self.parameter_names)

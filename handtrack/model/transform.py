@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import D2, Array, Floats, Ints, K, P, S
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError, check_name
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,7 @@ def build_transform(
     (`spread`, which leads the four abductions). couplings: leader and ratio of each follower, which loses its own column.
     """
     for name, (leader, _) in couplings.items():
-        if name not in joint_names:
-            raise unknown_name("parameter", name, joint_names, "a coupling")
+        check_name("parameter", name, joint_names, "a coupling")
         if leader in couplings:
             raise HandtrackError(
                 f"coupling of '{name}': its leader '{leader}' itself follows "

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from handtrack.arrays import D3, Array, C, Floats, Ints, J, K, L, M, P, array_dataclass, indices
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError, check_name, index_of
 from handtrack.model.articulated import FINGERS, ArticulatedModel, keypoint_names
 from handtrack.sampling.limb_ik_kernels import Turns
 
@@ -80,8 +80,7 @@ def chains_of(model: ArticulatedModel, wanted: tuple[str, ...] = ("all",)) -> tu
     there = {name: joints for name, joints in offered if set(joints) <= set(model.joint_names)}
     names = tuple(there) if wanted == ("all",) else tuple(dict.fromkeys(wanted))
     for name in names:
-        if name not in there:
-            raise unknown_name("chain", name, tuple(there), "mixture.chains")
+        check_name("chain", name, there, "mixture.chains")
     return tuple(chain_along(model, name, there[name]) for name in names)
 
 
@@ -154,11 +153,8 @@ def moved_joints(model: ArticulatedModel) -> Array[J, K]:
 
 def _hinges_between(model: ArticulatedModel, joints: Sequence[str]) -> tuple[Ints, Ints]:
     """Return the joint parameters (K,) of a chain's hinges in kinematic order, and the link of each."""
-    for joint in joints:
-        if joint not in model.joint_names:
-            raise unknown_name("joint", joint, model.joint_names, "a chain")
+    index = [index_of("joint", joint, model.joint_names, "a chain") for joint in joints]
     moved = moved_joints(model)
-    index = indices(model.joint_names, joints)
     own = moved[index]
     hinge_bone = model.skeleton.hinge_bone
     moving = np.flatnonzero(own[-1] & ~own[0])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q, S
-from handtrack.errors import unknown_name
+from handtrack.errors import index_of
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.limits import MovingLimits
 from handtrack.model.skeleton import KinematicTree
@@ -116,15 +116,11 @@ def _observations(
         sigmas = np.full(len(places), seen.sigma_m) if in_space else np.asarray(seen.sigma_px)
         index = -1 if in_space else cameras.index(seen.camera)
         for name, place, sigma in zip(seen.names, places, sigmas, strict=True):
-            if name not in model.joint_names:
-                raise unknown_name(
-                    "joint", name, model.joint_names, f"the keypoints of {model.name}"
-                )
+            joint = index_of("joint", name, model.joint_names, f"the keypoints of {model.name}")
             if np.isfinite(place).all():
                 target = np.zeros(3)
                 target[: len(place)] = place
-                meant = (model.joint_names.index(name), in_space)
-                rows.append((meant, index, target, 1.0 / float(sigma) ** 2))
+                rows.append(((joint, in_space), index, target, 1.0 / float(sigma) ** 2))
     rows.sort(key=lambda row: (row[0], row[1]))
     meant = sorted({row[0] for row in rows})
     starts = np.cumsum([0, *(sum(row[0] == m for row in rows) for m in meant)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.arrays import F, Floats, S
-from handtrack.errors import unknown_name
+from handtrack.errors import check_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
 
@@ -39,8 +39,7 @@ def motion(
     from scipy.interpolate import CubicSpline, PchipInterpolator
 
     known, is_body = MOTIONS[model.kind], model.kind == "body"
-    if name not in known:
-        raise unknown_name("motion", name, tuple(known))
+    check_name("motion", name, known)
     keys = np.stack([named_pose(model, pose) for pose in known[name]])
     time, knots = np.linspace(0.0, 1.0, frames), len(keys) if is_body else max(len(keys), 4)
     joint = PchipInterpolator(np.linspace(0.0, 1.0, len(keys)), keys, axis=0)(time)

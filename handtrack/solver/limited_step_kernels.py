@@ -252,25 +252,16 @@ def limited_step(hessian, gradient, params, box, step):  # pragma: no cover - co
 
 
 @compiled
-def damped_step(
-    hessian, gradient, params, box, damping, floor, step
-):  # pragma: no cover - compiled
-    """Fill the step (P,) of Levenberg and Marquardt: `limited_step` with damping · diagonal + floor added."""
-    size = params.shape[0]
-    damped = hessian.copy()
-    for p in range(size):
-        damped[p, p] += damping * hessian[p, p] + floor
-    return limited_step(damped, gradient, params, box, step)
-
-
-@compiled
 def bounded_step(hessian, gradient, params, limits, damping):  # pragma: no cover - compiled
-    """Return whether the damped quadratic model has a minimum within the limits, and the step to it."""
+    """Return whether the quadratic model has a minimum within the limits, damped as Levenberg and Marquardt do, and the step to it."""
     box, step, floor = new_box(params.shape[0]), np.empty(params.shape[0]), 1e-30
     fill_box(limits, params, box)
     for p in range(params.shape[0]):
         floor = max(floor, hessian[p, p])
-    return damped_step(hessian, gradient, params, box, damping, 1e-9 * floor, step), step
+    damped = hessian.copy()
+    for p in range(params.shape[0]):
+        damped[p, p] += damping * hessian[p, p] + 1e-9 * floor
+    return limited_step(damped, gradient, params, box, step), step
 
 
 @compiled
@@ -279,15 +270,11 @@ def stepped(limits, params, step, longest):  # pragma: no cover - compiled
 
     A step that is too long keeps its direction.
     """
-    shorter, trial, largest = 1.0, np.empty(params.shape[0]), 0.0
+    shorter = 1.0
     for p in range(params.shape[0]):
         shorter = max(shorter, abs(step[p]) / longest[0 if p < 3 else 1])
-    for p in range(params.shape[0]):
-        trial[p] = params[p] + step[p] / shorter
-    clip(limits, trial, new_box(params.shape[0]))
-    for p in range(params.shape[0]):
-        largest = max(largest, abs(trial[p] - params[p]))
-    return trial, largest
+    trial = clipped(limits, params + step / shorter)
+    return trial, np.abs(trial - params).max()
 
 
 @compiled

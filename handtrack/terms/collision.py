@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D2, Floats, Ints, K, array_dataclass, check_shape
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError, check_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -70,10 +70,7 @@ class CollisionTerm(SurfaceTerm):
         slack_m: float = 0.01,
     ) -> CollisionTerm:
         """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`."""
-        if flesh not in model.flesh:
-            raise unknown_name(
-                "set of ellipsoids", flesh, tuple(model.flesh), f"the model {model.name}"
-            )
+        check_name("set of ellipsoids", flesh, model.flesh, f"the model {model.name}")
         chosen = replace(model.flesh[flesh], radii=_FIRM * model.flesh[flesh].radii)
         pairs = colliding_pairs(model, chosen, slack_m)
         return cls(chosen, pairs, sigma_m, slack_m)

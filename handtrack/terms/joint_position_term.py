@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, Ints, J, N, array_dataclass
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.arrays import D3, Floats, Ints, J, N, array_dataclass, indices
+from handtrack.errors import HandtrackError, check_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import Sums
@@ -35,13 +35,12 @@ class JointPositionTerm(ObservationTerm):
 
     def __post_init__(self) -> None:
         for joint in self.joints:
-            if joint not in self.model.joint_names:
-                raise unknown_name("joint", joint, self.model.joint_names)
+            check_name("joint", joint, self.model.joint_names)
 
     @cached_property
     def _places(self) -> tuple[Ints[J], Floats[J, D3]]:
         """The bone of each joint, and where in its frame the joint is."""
-        rows = [list(self.model.joint_names).index(name) for name in self.joints]
+        rows = indices(self.model.joint_names, self.joints)
         return self.model.joint_bone[rows], self.model.joint_point[rows]
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:

@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, Ints, J, K, N, contiguous
-from handtrack.errors import unknown_name
+from handtrack.errors import index_of
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints
@@ -27,7 +27,7 @@ Observed = Keypoints | ImageKeypoints | ImagePins
 def _joint_indices(joint_names: tuple[str, ...], names: tuple[str, ...], model: str) -> Ints[K]:
     """Return the indices of named joints among a model's. Raises HandtrackError for a name that is none."""
     where = f"the keypoints of {model}"
-    return np.array([_index(joint_names, name, "joint", where) for name in names], int)
+    return np.array([index_of("joint", name, joint_names, where) for name in names], int)
 
 
 @dataclass(frozen=True)
@@ -130,22 +130,16 @@ def pinned_places(model: ArticulatedModel, pins: Sequence[Pin]) -> tuple[Ints[K]
     has not.
     """
     where = f"a pin on {model.name}"
-    names, bones, points = model.skeleton.bone_names, list[int](), list[Array]()
+    bones, points = list[int](), list[Array]()
     for pin in pins:
         if pin.joint:
-            joint = _index(model.joint_names, pin.joint, "joint", where)
+            joint = index_of("joint", pin.joint, model.joint_names, where)
             bones.append(int(model.joint_bone[joint]))
             points.append(model.joint_point[joint])
         else:
-            bones.append(_index(names, pin.bone, "bone", where))
+            bones.append(index_of("bone", pin.bone, model.skeleton.bone_names, where))
             points.append(np.array(pin.point, float))
     return np.array(bones, int), np.array(points).reshape(-1, 3)
-
-
-def _index(names: Sequence[str], name: str, kind: str, where: str) -> int:
-    if name not in names:
-        raise unknown_name(kind, name, names, where)
-    return list(names).index(name)
 
 
 def _targets(observed: Observed) -> tuple[Floats, Floats]:

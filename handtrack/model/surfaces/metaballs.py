@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import D3, D16, Array, E, Floats, Ints, K, L, N, array_dataclass, check_shape
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError, check_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -41,8 +41,7 @@ class MetaballSurface:
     """distance to one ellipsoid: `d1`, `d2` or `d3`"""
 
     def __post_init__(self) -> None:
-        if self.form not in FORMS:
-            raise unknown_name("distance to an ellipsoid", self.form, tuple(FORMS))
+        check_name("distance to an ellipsoid", self.form, FORMS)
         if not 0.0 < self.sharpness < np.inf:
             raise HandtrackError(
                 f"metaballs: sharpness {self.sharpness:g} per metre; expected a positive number such as "
@@ -59,10 +58,7 @@ class MetaballSurface:
         flesh: str = "metaballs",
     ) -> MetaballSurface:
         """Return a model's surface. sharpness: β [1/m] of a hand of scale 1; larger hands are as round as small ones."""
-        if flesh not in model.flesh:
-            raise unknown_name(
-                "set of ellipsoids", flesh, tuple(model.flesh), f"the model {model.name}"
-            )
+        check_name("set of ellipsoids", flesh, model.flesh, f"the model {model.name}")
         ellipsoids = model.flesh[flesh]
         linked = linked_ellipsoids(model.skeleton, ellipsoids)
         return cls(ellipsoids, linked, sharpness / model.scale.overall, form)

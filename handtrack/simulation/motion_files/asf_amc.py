@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError, check_name
 from handtrack.files.text_files import INCH_M, read_text
 from handtrack.simulation.motion_files.clip import LARGEST, MotionClip
 
@@ -131,8 +131,7 @@ def _frames(path: Path, bones: dict[str, _Bone], skeleton: Path) -> list[dict[st
             frames.append({})
             continue
         name = words[0]
-        if name not in bones:
-            raise unknown_name("bone", name, tuple(bones), f"{path}, line {number}")
+        check_name("bone", name, bones, f"{path}, line {number}")
         expected = 6 if name == "root" else len(bones[name].freedoms)
         try:
             values = [float(word) for word in words[1:]]

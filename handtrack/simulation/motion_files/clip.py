@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, J, indices
-from handtrack.errors import unknown_name
+from handtrack.arrays import D3, F, Floats, J
+from handtrack.errors import index_of
 
 LARGEST = 1 << 29  # bytes of a motion file: an hour
 
@@ -28,10 +28,7 @@ class MotionClip:
 
     def renamed(self, names: Mapping[str, str]) -> MotionClip:
         """Return only the joints that `names` lists (new name → the file's), under their new names."""
-        for name in names.values():
-            if name not in self.names:
-                raise unknown_name("joint", name, self.names, "the motion file")
-        columns = indices(self.names, names.values())
+        columns = [index_of("joint", n, self.names, "the motion file") for n in names.values()]
         return MotionClip(tuple(names), self.positions[:, columns], self.fps)
 
     def resampled(self, fps: float) -> MotionClip:

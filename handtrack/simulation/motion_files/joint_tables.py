@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.capture.joints.joint_names import known_body_joint, known_joint
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError, check_name
 from handtrack.files.toml_text import read_toml
 from handtrack.model.articulated import ArticulatedModel
 
@@ -106,10 +106,8 @@ def read_table(
     """Return the same of a user's table: TOML, our name = "theirs". Raises HandtrackError for names that are in neither."""
     rows = read_toml(path, "a table of joints")
     for ours, theirs in rows.items():
-        if ours not in model.joint_names:
-            raise unknown_name(f"joint of {model.name}", ours, model.joint_names, str(path))
-        if theirs not in names:
-            raise unknown_name("joint", str(theirs), names, f"the motion file ({path}: {ours})")
+        check_name(f"joint of {model.name}", ours, model.joint_names, str(path))
+        check_name("joint", theirs, names, f"the motion file ({path}: {ours})")
     if len(rows) < min(FEWEST, len(model.joint_names)):
         raise HandtrackError(f"{path}: {len(rows)} joints; expected {FEWEST} at least.")
     return rows, _words(path.name, rows, names)
