@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack
 
 _EVENT = "numba:compile"  # sent for what is not in numba's cache, and for nothing else
 ABOUT = 61  # kernels that tracking silhouettes compiles, as counted in a fresh clone
@@ -14,8 +14,8 @@ class CompileWatch:
 
     def __init__(self, on_kernel: Callable[[str], None]) -> None:
         """on_kernel: is given the words at each kernel, on the thread that compiles."""
-        self.count = 0
-        self.close: Callable[[], None] = lambda: None
+        self.count, counting = 0, ExitStack()
+        self.close = counting.close
         """end the counting"""
         try:
             from numba.core import event as events
@@ -35,16 +35,9 @@ class CompileWatch:
 
         counter = Counter()
         events.register(_EVENT, counter)
-
-        def close() -> None:
-            with suppress(KeyError, ValueError):
-                events.unregister(_EVENT, counter)
-
-        self.close = close
+        counting.callback(events.unregister, _EVENT, counter)
 
     @property
     def words(self) -> str:
-        """What is going on, in words; empty while nothing was compiled."""
-        if not self.count:
-            return ""
+        """What is going on, in words."""
         return f"Compiling for this machine, only this once: part {self.count} of about {max(ABOUT, self.count)}"

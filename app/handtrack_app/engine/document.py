@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, replace
 from pathlib import Path
 from typing import Any
@@ -171,41 +172,6 @@ def correction_of(
     return view.corrections, correction.png
 
 
-class CorrectionFiles:
-    """What was written to them here, so that other content is known, and kept."""
-
-    def __init__(self) -> None:
-        self._ours: dict[tuple[str, int], bytes | None] = {}
-
-    def changed_elsewhere(
-        self, session: Session, known: Mapping[tuple[str, int], Correction]
-    ) -> list[Edit]:
-        """Return edits by what files say otherwise than the state, which was written after them."""
-        found = list[Edit]()
-        for at, correction in known.items():
-            try:
-                place, content = correction_of(session, at, correction)
-            except HandtrackError:
-                continue  # what cannot be is told where the state is applied
-            path = place.path(at[1])
-            stands = path.read_bytes() if path.is_file() else None
-            if stands == content:
-                self._ours[at] = stands
-            else:
-                now = None if stands is None else Correction(stands)
-                found.append(decide(correction={at: now}))
-        return found
-
-    def write(
-        self, session: Session, changed: Iterable[tuple[tuple[str, int], Correction | None]]
-    ) -> None:
-        """Write what an action changed, before the action itself. Raises HandtrackError."""
-        for at, correction in changed:
-            place, content = correction_of(session, at, correction)
-            if place.write(at[1], content, self._ours.get(at)):
-                self._ours[at] = content
-
-
 # ---- What the session's state says of pins, frame by frame. Changes nothing
 
 
@@ -216,19 +182,6 @@ _SAME_PX = 0.01
 def pinning(pins: Mapping[int, Sequence[Pin]]) -> Edit:
     """Return the edit by which frames have these pins."""
     return decide(pins={f: FramePins(tuple(own)) if own else None for f, own in pins.items()})
-
-
-def checked(session: Session, decided: FramePins | None) -> tuple[Pin, ...]:
-    """Return a frame's pins as its file has them. Raises HandtrackError."""
-    return tuple(_checked(session, pin) for pin in (() if decided is None else decided.pins))
-
-
-def _checked(session: Session, pin: Pin) -> Pin:
-    if pin.camera not in session.rig:
-        raise unknown_name("camera", pin.camera, session.rig.names, "a pin")
-    if not np.isfinite([*pin.pixel, *pin.point]).all():
-        raise HandtrackError(f"a pin: expected a pixel's column and row, found {pin.pixel}.")
-    return session.pins.as_written(pin)
 
 
 def changed_elsewhere(stood: Mapping[int, tuple[Pin, ...]], pins: SessionPins) -> list[Edit]:
@@ -301,8 +254,6 @@ class Document:
         self.marked = marked_frames(self.state)
         """frames by the marks that the user has given them"""
         self.own_interval = run.model.limits.interval.copy()
-        self.own_settings = dict(run.settings.flat())
-        """as session.toml has them"""
         self._own_size = DecidedSize(run.scale, size_pending)
         self._own_arm_m = run.arm_m
         self._own_start = (self.first_frame, self.start)
@@ -313,10 +264,8 @@ class Document:
         self._starts: dict[tuple[str, ...], Floats[S]] = {}
         """where other models start, by their parameters"""
         self.version = 0
-        self.saved_clouds = self.clouds
-        """the settings of [clouds] as session.toml has them"""
-        self.saved_masks = self.masks
-        """where each camera's masks come from, as session.toml has it"""
+        self.saved = self.settings
+        """as session.toml has them"""
         self._read: tuple[SessionFile, dict[str, str]] | None = None
 
     @property
@@ -374,78 +323,73 @@ class Document:
         """Let a state hold from now on. Live or on opening the session again, whoever has the same state has the same document.
         Raises HandtrackError, and changes nothing, for what cannot be.
         """
-        changed = state.changed(self.state)
-        kinds = {kind for kind, _ in changed}
+        changed: dict[str, dict[Any, Any]] = defaultdict(dict)
+        for (kind, entry), value in state.changed(self.state).items():
+            changed[kind][entry] = value
         self.before = None
         run = self._run_with(changed)
         corrections = [
-            (correction_of(run.session, e, v), e[1])
-            for (k, e), v in changed.items()
-            if k == "correction"
+            (correction_of(run.session, at, value), at[1])
+            for at, value in changed["correction"].items()
         ]
-        pins = {e: checked(run.session, v) for (k, e), v in changed.items() if k == "pins"}
+        pins = {
+            frame: [*map(run.session.pins.as_written, () if own is None else own.pins)]
+            for frame, own in changed["pins"].items()
+        }
         self.state = state
-        if run is not self.run or "limits" in kinds:
-            self._use(run, resized="size" in kinds)
-        if "camera" in kinds:
+        if run is not self.run or changed["limits"]:
+            self._use(run, resized=bool(changed["size"]))
+        if changed["camera"]:
             self.see_frames()
-        if "spans" in kinds:
+        if changed["spans"]:
             self._lay()
-        if kinds & self.marked.keys():
-            self.marked = marked_frames(state)
-        for kind, entry in changed:
-            if kind == "pose":
-                self._derive_pose(entry)
+        self.marked = marked_frames(state)
+        for frame in changed["pose"]:
+            self._derive_pose(frame)
         for (place, content), own_frame in corrections:
             place.hold(own_frame, content)
         if corrections:
             self.run.session.forget_observations()
         for frame, own in pins.items():
             self.run.session.pins.hold(frame, own)
-        if "start" in kinds and self.run.first is None:
+        if changed["start"] and self.run.first is None:
             self._start_at(state.start)
 
-    def _run_with(self, changed: Mapping[Key, Any]) -> TrackingRun:
-        """Return the run with what is another in force."""
-        run = self.run
-        if ("forearm", None) in changed:
-            wanted = changed["forearm", None]
-            wanted = self._own_arm_m if wanted is None else wanted
+    def _run_with(self, changed: Mapping[str, Mapping[Any, Any]]) -> TrackingRun:
+        """Return the run with what is another in force, by kind and entry."""
+        run, own = self.run, self.saved["setting"]
+        for arm_m in changed["forearm"].values():
+            wanted = self._own_arm_m if arm_m is None else arm_m
             run = run if run.arm_m == wanted else run.with_forearm(wanted)
         settings = {
-            name: self.own_settings[name] if value is None else value
-            for (kind, name), value in changed.items()
-            if kind == "setting" and (value is not None or name in self.own_settings)
+            name: own[name] if value is None else value
+            for name, value in changed["setting"].items()
+            if value is not None or name in own
         }
         if "method" in settings:  # the state says itself what that sets, and what was changed since
             settings = run.settings.flat() | settings
         if settings:
             run = run.with_values(settings)
-        if ("size", None) in changed:
-            scale = (changed["size", None] or self._own_size).scale
+        for size in changed["size"].values():
+            scale = (size or self._own_size).scale
             run = run if run.scale == scale else run.with_scale(scale)
-        if ("clouds", None) in changed:
-            clouds = self._clouds_of(changed["clouds", None])
+        for table in changed["clouds"].values():
+            clouds = self._clouds_of(table)
             run = run if clouds == self.clouds else run.with_clouds(clouds)
-        cameras = {name: value for (kind, name), value in changed.items() if kind == "camera"}
-        if cameras:
-            known = dict(run.session.corrections) | cameras
+        if changed["camera"]:
+            known = {**run.session.corrections, **changed["camera"]}
             known = {name: value for name, value in known.items() if value is not None}
             run = replace(run, session=run.session.with_cameras(known))
-        masks = {
-            camera: self._masks_of(camera, value)
-            for (kind, camera), value in changed.items()
-            if kind == "masks"
-        }
-        if masks and masks != {name: self.masks[name] for name in masks}:
+        masks = {name: self._masks_of(name, value) for name, value in changed["masks"].items()}
+        if masks != {name: self.masks[name] for name in masks}:
             run = replace(run, session=run.session.with_masks(masks))
         return run
 
     def _masks_of(self, camera: str, source: MaskSource | None) -> MaskChoice:
-        if camera not in self.saved_masks:
-            raise unknown_name("camera", camera, tuple(self.saved_masks))
-        saved = self.saved_masks[camera]
-        return saved if source is None else choice_from(source, camera)
+        saved = self.saved["masks"]
+        if camera not in saved:
+            raise unknown_name("camera", camera, tuple(saved))
+        return saved[camera] if source is None else choice_from(source, camera)
 
     @property
     def size(self) -> DecidedSize:
@@ -456,7 +400,7 @@ class Document:
 
     def _clouds_of(self, clouds: CloudTable | None) -> CloudSettings | None:
         if clouds is None:
-            return self.saved_clouds
+            return self.saved["clouds"]
         cameras, table = self.run.session.file.cameras, clouds.table
         return None if table is None else read_clouds(table, cameras, "[clouds]")
 
@@ -653,20 +597,12 @@ class Document:
             break
         return found
 
-    # ---- clouds
+    # ---- what session.toml may have otherwise
 
     @property
     def clouds(self) -> CloudSettings | None:
         """The settings of [clouds] in force."""
         return self.run.session.file.clouds
-
-    @property
-    def unsaved_clouds(self) -> tuple[str, ...]:
-        """Names of the settings of [clouds] that differ from session.toml."""
-        now, saved = ((c or CloudSettings()).table for c in (self.clouds, self.saved_clouds))
-        return tuple(name for name in {**saved, **now} if now.get(name) != saved.get(name))
-
-    # ---- masks
 
     @property
     def masks(self) -> dict[str, MaskChoice]:
@@ -675,6 +611,16 @@ class Document:
         return {view.name: (view.settings.masks, view.settings.roi) for view in views}
 
     @property
-    def unsaved_masks(self) -> tuple[str, ...]:
-        """Names of the cameras whose masks come from elsewhere than session.toml says."""
-        return tuple(n for n, choice in self.masks.items() if choice != self.saved_masks[n])
+    def settings(self) -> dict[str, Any]:
+        """What holds of each kind of decision that can be saved in session.toml: settings by their names, those of [clouds], masks
+        by camera.
+        """
+        settings = dict(self.run.settings.flat())
+        return {"setting": settings, "clouds": self.clouds, "masks": self.masks}
+
+    def unsaved(self, kind: str) -> tuple[str, ...]:
+        """Return the names of what is another than in session.toml: settings, those of [clouds], or cameras whose masks are."""
+        now, saved = self.settings[kind], self.saved[kind]
+        if kind == "clouds":
+            now, saved = ((one or CloudSettings()).table for one in (now, saved))
+        return tuple(name for name in {**saved, **now} if now.get(name) != saved.get(name))

@@ -21,7 +21,7 @@ from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document, source_of
 from handtrack_app.engine.inverse_kinematics import stem_bones
-from handtrack_app.engine.tracked_rows import error_mm, truth_at
+from handtrack_app.engine.tracked_rows import error_mm, given_error_mm, truth_at
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     CLOUD,
@@ -73,7 +73,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         ellipsoid_bone=flesh.bone,
         radii=flesh.radii,
         settings=dict(document.run.settings.flat()),
-        own_settings=document.own_settings,
+        own_settings=document.saved["setting"],
         has_truth=session.truth is not None,
         joint_names=model.joint_names,
         stem_bones=stem_bones(model),
@@ -117,7 +117,9 @@ def cloud_card(document: Document) -> CloudCard:
         pairs = (*settings.stereo, *(p for p in pairs if p not in settings.stereo))
     in_force = (settings or CloudSettings()).in_force
     first = next(iter(pairs), None)
-    return CloudCard(source, in_force, with_images, pairs[:_PAIRS], first, document.unsaved_clouds)
+    return CloudCard(
+        source, in_force, with_images, pairs[:_PAIRS], first, document.unsaved("clouds")
+    )
 
 
 _NO_IMAGES = "No camera of this recording has images: its masks cannot be computed, nor seen against anything."
@@ -138,12 +140,12 @@ def mask_card(document: Document) -> MaskCard:
         words = _NO_IMAGES
     elif files := [card.name for card in cards if card.method == FILES]:
         words = _FILES.format(", ".join(files))
-    return MaskCard(tuple(cards), document.unsaved_masks, words)
+    return MaskCard(tuple(cards), document.unsaved("masks"), words)
 
 
 def possible_masks(document: Document, view: View) -> tuple[str, ...]:
     """Return the mask methods that a camera has what it takes for; files where session.toml names some."""
-    settings, saved = view.settings, document.saved_masks[view.name][0]
+    settings, saved = view.settings, document.saved["masks"][view.name][0]
     found = [n for n, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
     if settings.keypoints is None:
         found = [name for name in found if name != "seeded"]
@@ -199,7 +201,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     lanes = {word: row.copy() for word, row in rows.lanes.items() if _is_told(document, word)}
     for frame in document.by_hand if document.run.session.truth is not None else ():
         error = lanes.setdefault(ERROR, np.full(len(rows.frames), np.nan))
-        error[frame - rows.frames.start] = rows.given_error(document, frame)
+        error[frame - rows.frames.start] = given_error_mm(document, frame)
     hand = tuple(sorted(document.by_hand))
     found = tuple(frame for frame in hand if document.decided_pose(frame).found)
     return TimelineSnapshot(
@@ -220,7 +222,7 @@ def timeline_change(document: Document) -> TimelineChange:
     lanes = {word: values[row] for word, values in rows.lanes.items() if _is_told(document, word)}
     for n, frame in enumerate((row + start).tolist()):
         if frame in document.by_hand and ERROR in lanes:
-            lanes[ERROR][n] = rows.given_error(document, frame)
+            lanes[ERROR][n] = given_error_mm(document, frame)
     return TimelineChange(document.frames, row, rows.status[row], lanes)
 
 
@@ -290,16 +292,13 @@ def pin_cards(document: Document, frame: int, bones: BonePoses) -> tuple[PinCard
     pins = [pin for pin in session.pins.of(frame) if pin.is_on(*names)]
     if not pins:
         return ()
-    places = bones.to_world(*pinned_places(model, pins))
-    found = []
+    places, found = bones.to_world(*pinned_places(model, pins)), []
     for n, pin in enumerate(pins):
-        place = places[n]
+        place = np.asarray(places[n])
         camera = session.rig[pin.camera].without_distortion()
         ray = camera.rays(np.array([pin.pixel]))[0]
         meant = camera.centre + ray * max(float((place - camera.centre) @ ray), 0.0)
-        off = float(np.linalg.norm(camera.project(places[n : n + 1])[0] - pin.pixel))
-        x, y, z = map(float, np.asarray(place))
-        i, j, k = map(float, np.asarray(meant))
+        off = float(np.linalg.norm(camera.project(place[None])[0] - pin.pixel))
         words = Hold(pin.joint, pin.bone).words
-        found.append(PinCard(pin.camera, words, pin.pixel, (x, y, z), (i, j, k), off))
+        found.append(PinCard(pin.camera, words, pin.pixel, place, meant, off))
     return tuple(found)

@@ -53,7 +53,7 @@ from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.tracked_rows import moved_mm
-from handtrack_app.protocol.calls import command
+from handtrack_app.protocol.calls import Rule
 from handtrack_app.protocol.snapshots import (
     Guess,
     GuessesSnapshot,
@@ -170,24 +170,21 @@ def summary(results: Sequence[FrameHead], total: int, by_hand: int, seconds: flo
 
     total: frames that were to be tracked. by_hand: frames that stayed as they were given.
     """
-    counts = np.bincount([int(result.status) for result in results], minlength=5)
-    done = len(results)
-    speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
-    odd = [
-        f"{counts[i]} {word}" for i, word in ((1, "with low confidence"), (2, "lost")) if counts[i]
-    ]
+    done, statuses = len(results), [result.status for result in results]
     reasons = [result.reason for result in results if result.reason is not None]
     poor = [reason for reason in reasons if reason.kind == "poor cloud"]
-    if poor:
-        odd.append(f"{len(poor)} with a poor cloud")
-    held = sum(bool(reason.part) for reason in poor)
-    if held:
-        odd.append(f"{held} with the fingers fixed, because the cloud is too poor")
-    quality = ", ".join(odd) if odd else "none with low confidence"
+    odd = {
+        "with low confidence": statuses.count(Status.DOUBTFUL),
+        "lost": statuses.count(Status.LOST),
+        "with a poor cloud": len(poor),
+        "with the fingers fixed, because the cloud is too poor": sum(bool(r.part) for r in poor),
+    }
+    quality = ", ".join(f"{count} {words}" for words, count in odd.items() if count)
     hand = f" {by_hand} set by hand or detected are unchanged." if by_hand > 1 else ""
     if by_hand == 1:
         hand = " One, set by hand or detected, is unchanged."
-    return f"{done} of {total} frames in {seconds:.1f} s ({speed}); {quality}.{hand}"
+    speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
+    return f"{done} of {total} frames in {seconds:.1f} s ({speed}); {quality or 'none with low confidence'}.{hand}"
 
 
 def size_words(run: TrackingRun) -> str:
@@ -211,51 +208,12 @@ def moved_words(moves: Mapping[int, float]) -> str:
     )
 
 
-def end_words(
-    job: BackgroundJob,
-    end: JobEnded,
-    document: Document,
-    outcomes: Sequence[FrameHead],
-    moves: Mapping[int, float],
-    live: LiveControl | None,
-) -> Notice | None:
-    """Return how a job went; None where there is nothing to say."""
-    cancelled = end.cancelled
-    if end.internal:
-        return Notice.of_mistake(end.error, "Internal error while tracking")
-    if end.error:
-        title = "Not carried on" if job.kind == "carrying" else "Tracking stopped"
-        return Notice("error", title, end.error)
-    if job.kind in ("finding", "carrying", "sizing") or (
-        cancelled and not outcomes and live is None
-    ):
-        return Notice("done", "Cancelled", "") if cancelled else None
-    if job.kind == "refining":
-        return (
-            Notice("done", "Cancelled", "")
-            if cancelled
-            else Notice("done", "Refined", moved_words(moves))
-        )
-    if live is not None and job.total == 0:
-        return Notice("done", "Tracking ended", live.words())
-    one = document.results.get(job.frames.start) if len(job.frames) == 1 else None
-    if one is not None and not cancelled:
-        params = document.model.transform.solver_params(one.parameters)
-        return one_frame(one, document.run.fit_of(one.frame, params)[1])
-    took = time.monotonic() - job.began - job.waited
-    text = summary(outcomes, job.total, len(job.frames) - job.total, took)
-    title = "Cancelled" if cancelled else "Tracking finished"
-    return Notice("done", title, f"{text} {moved_words(moves)}".rstrip())
-
-
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
 _COMES_AGAIN = 2 * FRAMES_AHEAD  # frames before a live one that may still change
 _ENDLESS = 1 << 40  # frames
 _FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
 _BUSY = "Tracking is already running. Cancel it first."
-_QUIET = ("sizing", "finding", "carrying", "refining")
-"""jobs that count no frames"""
 _WORDS = {
     "paused": "Paused",
     "tracking": "Tracking",
@@ -291,10 +249,11 @@ class JobControl:
         self._moves: dict[int, float] = {}
         self._refined_with: RefinedWith | None = None  # the latest
         self._given = RefinedWith.of(document)  # when the pass began
-        self._shared = -1.0
         self._shown = self._stripped = 0.0
         self._compiles = compiles
-        self._ticked = self._compiled_before = 0
+        self._compiled_before = 0
+        self._ticked: object = None
+        """how far the job's progress was told"""
         self.guesses = Guesses(document)
 
     @property
@@ -332,12 +291,12 @@ class JobControl:
     def leave(self) -> None:
         """Do not wait for a cancelled job that looks up too rarely: what it still reports is passed over."""
         job = self._job
-        if job is not None and (job.stage == "size" or job.kind in _QUIET):
+        if job is not None and (job.stage == "size" or job.kind != "tracking"):
             self._ended(job, JobEnded(cancelled=True))
 
     # ---- starting
 
-    @command(job=True)
+    @Rule(job=True)
     def track(
         self,
         start: int,
@@ -380,7 +339,7 @@ class JobControl:
         work = partial(jobs.track, run=run, request=request, watch=self._watch)
         self.begin("tracking", work, request, run.session.live is not None)
 
-    @command(job=True)
+    @Rule(job=True)
     def refine(self) -> None:
         """Optimise the tracked frames jointly; keyframes stay fixed. Where nothing but keyframes and pins has changed since, those
         that they touch.
@@ -398,7 +357,7 @@ class JobControl:
         )
         self.begin("refining", work, request)
 
-    @command(job=True)
+    @Rule(job=True)
     def track_live(self) -> None:
         """Track what the cameras show from now on, from the pose shown, until it is cancelled."""
         self._prepare()
@@ -411,7 +370,7 @@ class JobControl:
         endless = range(first, first + _ENDLESS)
         self._track(TrackingRequest(endless, first, document.shown, fit_size=False, refine=False))
 
-    @command(job=True, files=True)
+    @Rule(job=True, files=True)
     def fit_size(self) -> None:
         """Fit the hand's size to the frames near the first pose."""
         self._prepare()
@@ -422,7 +381,7 @@ class JobControl:
             )
         self.begin("sizing", partial(jobs.fit_size, run=self._document.run))
 
-    @command(job=True)
+    @Rule(job=True)
     def find_hand(self, frame: int | None, fetch: bool = False) -> None:
         """Detect the hand without a first pose, in one frame, or in the surest of several (None). fetch: get the detector's networks
         before.
@@ -430,7 +389,7 @@ class JobControl:
         self._prepare()
         self.begin("finding", partial(jobs.find, run=self._document.run, frame=frame, fetch=fetch))
 
-    @command(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follows", on))
+    @Rule(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follows", on))
     def follow(self, on: bool) -> None:
         """Whether each frame is shown as it is tracked."""
 
@@ -464,7 +423,7 @@ class JobControl:
         job = BackgroundJob(kind, work, self._post, request, is_live)
         self._job, self._outcomes, self._latest = job, {}, {}
         self._moves, self._given = {}, RefinedWith.of(self._document)
-        self._compiled_before = self._ticked = self._compiles.count
+        self._compiled_before = self._compiles.count
         job.start()
         self.show_progress()
 
@@ -511,11 +470,16 @@ class JobControl:
 
     def _tried(self, result: FrameResult) -> None:
         """Show a frame that is tracked to fit the size."""
-        now = time.monotonic()
-        if self.follows and now - self._shown > _SHOW_EVERY_S:
-            self._shown = now
+        if self._follows_now():
             self._document.try_pose(result.frame, result.parameters)
             self._publish(pose_snapshot(self._document))
+
+    def _follows_now(self) -> bool:
+        """Whether a pose is to be shown as it comes: now and then, if that is wanted."""
+        now = time.monotonic()
+        is_due = self.follows and now - self._shown > _SHOW_EVERY_S
+        self._shown = now if is_due else self._shown
+        return is_due
 
     def _tracked(self, result: FrameResult) -> None:
         document, now = self._document, time.monotonic()
@@ -529,8 +493,7 @@ class JobControl:
             self._live.note(result)
             self._outcomes.pop(result.frame - _COMES_AGAIN, None)
         self._add(result)
-        if self.follows and now - self._shown > _SHOW_EVERY_S:
-            self._shown = now
+        if self._follows_now():
             document.show(result.frame)
             self._publish(pose_snapshot(document))
         if now - self._stripped > _STRIP_EVERY_S:
@@ -585,20 +548,38 @@ class JobControl:
         self._publish(pose_snapshot(document))
         self._publish(timeline_snapshot(document))
         if job.kind == "tracking" or self._moves:
-            self._store.end_take(finished=not end.cancelled and not end.error)
-        said = end_words(job, end, document, list(self._outcomes.values()), self._moves, self._live)
+            self._store.end_take(finished=not (end.cancelled or end.problem))
+        said = self._end_words(job, end)
         if said is not None:
             self._publish(said)
         self.show_progress()
 
+    def _end_words(self, job: BackgroundJob, end: JobEnded) -> Notice | None:
+        """Return how a job went; None where there is nothing to say."""
+        document, live, outcomes = self._document, self._live, list(self._outcomes.values())
+        cancelled = Notice("done", "Cancelled", "") if end.cancelled else None
+        if end.problem is not None:
+            title = "Not carried on" if job.kind == "carrying" else "Tracking stopped"
+            return Notice.of_error(end.problem, title)
+        if job.kind == "refining":
+            return cancelled or Notice("done", "Refined", moved_words(self._moves))
+        if job.kind != "tracking" or (cancelled and not outcomes and live is None):
+            return cancelled
+        if live is not None and job.total == 0:
+            return Notice("done", "Tracking ended", live.words())
+        one = document.results.get(job.frames.start) if len(job.frames) == 1 else None
+        if one is not None and not cancelled:
+            params = document.model.transform.solver_params(one.parameters)
+            return one_frame(one, document.run.fit_of(one.frame, params)[1])
+        took = time.monotonic() - job.began - job.waited
+        text = summary(outcomes, job.total, len(job.frames) - job.total, took)
+        title = "Cancelled" if cancelled else "Tracking finished"
+        return Notice("done", title, f"{text} {moved_words(self._moves)}".rstrip())
+
     def tick(self) -> None:
-        """Tell what is compiled while the job's first frame waits for it; called now and then."""
-        job, count = self._job, self._compiles.count
-        if job is not None and job.share not in (0.0, self._shared):
-            self._shared = job.share
-            self.show_progress()
-        elif job is not None and not job.done and count != self._ticked:
-            self._ticked = count
+        """Tell what is compiled while the job's first frame waits for it, or how far it is; called now and then."""
+        job = self._job
+        if job is not None and self._ticked != (job.share, not job.done and self._compiles.count):
             self.show_progress()
 
     def show_progress(self) -> None:
@@ -607,10 +588,12 @@ class JobControl:
         if job is None:
             self._publish(ProgressSnapshot("idle", "Ready"))
             return
+        count = self._compiles.count
+        self._ticked = job.share, not job.done and count
         state = "paused" if job.paused else "tracking" if job.done else "preparing"
-        quiet = not job.paused and (job.kind in _QUIET or bool(job.words))
+        quiet = not job.paused and (job.kind != "tracking" or bool(job.words))
         words, done, total = _WORDS[job.kind if quiet else state], job.done, job.total
-        if state == "preparing" and self._ticked > self._compiled_before:
+        if state == "preparing" and count > self._compiled_before:
             words = self._compiles.words
         if quiet and job.words:
             words = job.words[:1].upper() + job.words[1:]

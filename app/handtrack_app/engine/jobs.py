@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -30,18 +29,15 @@ from handtrack.session.track_session import (
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 
-log = logging.getLogger(__name__)
-
 _TOGETHER = 100  # refined frames that are handed over at once
 
 
 @dataclass(frozen=True)
 class JobEnded:
-    """The job is over; `error` says why, if not as asked."""
+    """The job is over; `problem` says why, if not as asked."""
 
     cancelled: bool
-    error: str = ""
-    internal: bool = False
+    problem: Exception | None = None
 
 
 FirstPoses = list[FirstPoseCandidate]
@@ -118,15 +114,12 @@ class BackgroundJob:
             self._thread.join(timeout)
 
     def eta_s(self) -> float:
-        """Return the expected seconds left; 0 while unknown. The first frame, which may compile, does not count."""
-        if not self.total and not self.share:
+        """Return the expected seconds left; 0 while unknown. What comes first, and may compile, does not count."""
+        share = self.share or (self.done / self.total if self.total else 0.0)
+        if share <= self._first_share:
             return 0.0
         spent = time.monotonic() - self._first_done - self.waited
-        if self.share > self._first_share:
-            return spent / (self.share - self._first_share) * (1.0 - self.share)
-        if self.done < 2:
-            return 0.0
-        return spent / (self.done - 1) * (self.total - self.done)
+        return spent / (share - self._first_share) * (1.0 - share)
 
     def should_stop(self) -> bool:
         while self._hold.is_set() or time.monotonic() < self._way_until:
@@ -142,27 +135,28 @@ class BackgroundJob:
         """A frame is done, perhaps again."""
         self._solved.add(frame)
         self.done, self.frame = len(self._solved), frame
-        if self.done == 1:
-            self._first_done, self.waited = time.monotonic(), 0.0
+        if self.done == 1 and self.total:
+            self._begin_at(1 / self.total)
 
     def show_progress(self, share: float, words: str) -> None:
         """Take how far the work is: the share that is done, 0 to 1, and what is done in words."""
         if not self.share:
-            self._first_done, self._first_share, self.waited = time.monotonic(), share, 0.0
+            self._begin_at(share)
         self.share, self.words = share, words
 
+    def _begin_at(self, share: float) -> None:
+        """Count the time from here on."""
+        self._first_done, self._first_share, self.waited = time.monotonic(), share, 0.0
+
     def _work_guarded(self) -> None:
-        error, internal = "", False
+        problem = None
         try:
             self._work(self)
-        except HandtrackError as problem:
-            error = str(problem)
-        except MemoryError as problem:
-            error = str(not_enough_memory(self.kind.capitalize(), problem))
-        except Exception as problem:  # reported to the user: the page must go on
-            log.exception("%s failed", self.kind)
-            error, internal = f"{type(problem).__name__}: {problem}", True
-        self.report(JobEnded(self._stop.is_set(), error, internal))
+        except MemoryError as error:
+            problem = not_enough_memory(self.kind.capitalize(), error)
+        except Exception as error:
+            problem = error
+        self.report(JobEnded(self._stop.is_set(), problem))
 
 
 def track(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from handtrack.errors import HandtrackError
 from handtrack.session.session_state import Edit
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.calls import Mailbox
@@ -65,7 +63,6 @@ class PreviewService(Service, ABC):
 # ---- A thread beside the worker: makes what is only shown (clouds, surfaces, pictures of them), or fits a frame anew
 
 
-log = logging.getLogger(__name__)
 Made = TypeVar("Made")
 
 
@@ -131,13 +128,8 @@ class RenderThread(NewestFirst[Snapshot]):
     def _serve(self, kind: str, make: Callable[[], Snapshot | None]) -> None:
         try:
             super()._serve(kind, make)
-        except HandtrackError as error:
-            self._say(Notice("error", "That cannot be shown", str(error)))
-        except Exception as error:  # the page must go on, and the user must know
-            log.exception("could not make %s", kind)
-            self._say(Notice.of_mistake(error))
-
-    def _say(self, notice: Notice) -> None:
-        if notice != self._said:  # the next frame would say the same
-            self._said = notice
-            self._take(notice)
+        except Exception as error:
+            notice = Notice.of_error(error, "That cannot be shown")
+            if notice != self._said:  # the next frame would say the same
+                self._said = notice
+                self._take(notice)

@@ -32,16 +32,20 @@ TERM_WORDS = {
     "own": "own terms",
     "edges": "edges",
     "intensity": "intensity",
-    "rest": "priors",
-    "posture": "priors",
-    "motion": "priors",
-    "keyframe": "priors",
-    "stabilise": "priors",
-    "stay": "priors",
-    "collision": "priors",
-    "proportions": "priors",
-    "prior": "priors",
-}
+} | dict.fromkeys(
+    (
+        "rest",
+        "posture",
+        "motion",
+        "keyframe",
+        "stabilise",
+        "stay",
+        "collision",
+        "proportions",
+        "prior",
+    ),
+    "priors",
+)
 """by the name of a term"""
 
 
@@ -62,7 +66,6 @@ class TrackedRows:
         self.changed: set[int] = set()
         """rows that were not told yet"""
         self._known: dict[int, Head] = {}
-        self._given: dict[int, tuple[Floats[S], float]] = {}
         self._track: CurrentTrack | None = None
         self._looked: list[int] = []  # at how many of each take's frames
         self._unread: dict[int, None] = {}
@@ -111,14 +114,6 @@ class TrackedRows:
         if word not in self.lanes:
             self.lanes[word] = np.full(len(self.frames), np.nan)
         self.lanes[word][row] = value
-
-    def given_error(self, document: Document, frame: int) -> float:
-        """Return the error of the pose that was given at a frame [mm], found once."""
-        pose, known = document.by_hand[frame], self._given.get(frame)
-        if known is None or known[0] is not pose:
-            bones = document.model.bones(document.model.params_within_limits(pose))
-            known = self._given[frame] = pose, error_mm(document, frame, bones)
-        return known[1]
 
     def read_more(self, document: Document) -> bool:
         """Read more frames whole that were not read yet; return whether any is left."""
@@ -173,6 +168,12 @@ def moved_mm(result: FrameResult, before: FrameResult | None) -> float:
         return float("nan")
     moves = np.linalg.norm(result.joint_positions - before.joint_positions, axis=1)
     return float(1e3 * moves.max())
+
+
+def given_error_mm(document: Document, frame: int) -> float:
+    """Return the error of the pose that was given at a frame [mm]."""
+    params = document.model.params_within_limits(document.by_hand[frame])
+    return error_mm(document, frame, document.model.bones(params))
 
 
 def error_mm(document: Document, frame: int, bones: BonePoses) -> float:

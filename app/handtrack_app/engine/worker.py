@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable, Sized
 from functools import partial
@@ -23,7 +22,7 @@ from handtrack_app.engine.pictures.camera_pictures import Painter
 from handtrack_app.engine.posing_service import pose
 from handtrack_app.engine.service import RenderThread
 from handtrack_app.process.child import EnginePlan
-from handtrack_app.protocol.calls import Call, Mailbox, command, rules_of
+from handtrack_app.protocol.calls import Call, Mailbox, Rule, rules_of
 from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Snapshot
 from handtrack_app.rerun.recorder import LiveRecorder
 
@@ -40,21 +39,21 @@ class Preview:
         publish(session_snapshot(document))
         publish(timeline_snapshot(document))
 
-    @command()
+    @Rule()
     def show_frame(self, frame: int, is_played: bool = False) -> None:
         """Show a frame."""
         self.document.show(frame)
         self._publish(pose_snapshot(self.document))
         self.painter.is_stale = True
 
-    @command()
+    @Rule()
     def set_pose(self, frame: int, values: tuple[float, ...], version: int, **_: object) -> None:
         """Show a pose that is set by hand; the open session sets it."""
         self.document.apply(pose(self.document, frame, values))
         self.document.version = version
         self.show_frame(frame)
 
-    @command()
+    @Rule()
     def want_pictures(
         self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...] = ()
     ) -> None:
@@ -72,7 +71,6 @@ class Preview:
             self.painter.paint()
 
 
-log = logging.getLogger(__name__)
 Opener = Callable[[Path], Document]
 _VIEWED_LATER = ("want_cloud", "want_surface", "want_masks")
 _PREPARING = "Preparing the first pose …"
@@ -170,11 +168,8 @@ class Worker:
     def _guarded(self, action: Callable[[], None]) -> None:
         try:
             action()
-        except HandtrackError as error:
-            self._publish(Notice("error", "That did not work", str(error)))
-        except Exception as error:  # the page must go on, and the user must know
-            log.exception("internal error")
-            self._publish(Notice.of_mistake(error))
+        except Exception as error:
+            self._publish(Notice.of_error(error, "That did not work"))
 
     def _compiling(self, words: str) -> None:
         if self.session is None:  # later on, it is told with the jobs' progress

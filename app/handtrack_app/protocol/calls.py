@@ -1,4 +1,4 @@
-"""Calls of the page to the engine: methods that the engine marks with `command` are all that the page can call.
+"""Calls of the page to the engine: methods that the engine marks with a `Rule` are all that the page can call.
 
 A call is the method's name and its arguments, picklable. What is shown comes back as snapshots.
 """
@@ -17,7 +17,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Rule:
-    """How calls of one method are treated before it runs."""
+    """Marks a method that the page may call: how its calls are treated before it runs."""
 
     latest: tuple[str, ...] | None = None
     """of waiting calls that are equal in these arguments (of a mapping: in its keys) the newest replaces the older ones; None: each is
@@ -32,29 +32,15 @@ class Rule:
     """later edits depend on it: it is repeated in its turn"""
     files: bool = False
     """it writes files of the session, which a live one does not have"""
-    parameters: tuple[str, ...] = ()
-    at_once: Callable[..., None] | None = field(default=None, compare=False)
+    signature: inspect.Signature = inspect.Signature()
+    at_once: Callable[..., None] | None = None
     """acts on the jobs as the call comes, before its turn: called with the JobControl and the call's arguments"""
 
-
-def command(
-    *,
-    latest: tuple[str, ...] | None = None,
-    edits: bool = False,
-    job: bool = False,
-    view: bool = False,
-    is_ordered: bool = False,
-    files: bool = False,
-    at_once: Callable[..., None] | None = None,
-) -> Callable[[Method], Method]:
-    """Mark a method that the page may call; see Rule."""
-
-    def mark(method: Method) -> Method:
-        parameters = tuple(inspect.signature(method).parameters)[1:]
-        method.rule = Rule(latest, edits, job, view, is_ordered, files, parameters, at_once)  # type: ignore[attr-defined]
+    def __call__(self, method: Method) -> Method:
+        whole = inspect.signature(method)
+        signature = whole.replace(parameters=[*whole.parameters.values()][1:])
+        method.rule = replace(self, signature=signature)  # type: ignore[attr-defined]
         return method
-
-    return mark
 
 
 Rules = Mapping[str, Rule]
@@ -88,14 +74,9 @@ class Call:
     @classmethod
     def of(cls, rules: Rules, name: str, given: tuple[Any, ...], named: Mapping[str, Any]) -> Call:
         """Return a call. Raises TypeError for a name or argument that the engine does not have."""
-        rule = rules.get(name)
-        if (
-            rule is None
-            or len(given) > len(rule.parameters)
-            or not named.keys() <= {*rule.parameters}
-        ):
-            raise TypeError(f"the engine has no command {name}{(*given, *named)}.")
-        return cls(name, {**dict(zip(rule.parameters, given, strict=False)), **named}, rule)
+        if name not in rules:
+            raise TypeError(f"the engine has no command {name}.")
+        return cls(name, rules[name].signature.bind(*given, **named).arguments, rules[name])
 
     @property
     def key(self) -> Hashable | None:

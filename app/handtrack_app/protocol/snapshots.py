@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 from handtrack.arrays import D2, D3, Array, B, Bytes, E, F, Floats, H, Ints, J, K, N, S, T, V, W
 from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.diagnostics.review import ReviewInterval
-from handtrack.errors import not_enough_memory
+from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.model.shape import ShapeNumber
 from handtrack.store.spans import Span
@@ -298,16 +299,16 @@ class PinCard:
     """what is pinned"""
     pixel: tuple[float, float]
     """of the camera's undistorted image"""
-    place: tuple[float, float, float]
+    place: Floats[D3]
     """where the pose has it, world [m]"""
-    meant: tuple[float, float, float]
+    meant: Floats[D3]
     """the nearest place on the pin's ray"""
     off_px: float
 
     @property
     def off_m(self) -> float:
         """How far the pose has it from the pin's ray [m]."""
-        return float(np.linalg.norm(np.subtract(self.place, self.meant)))
+        return float(np.linalg.norm(self.place - self.meant))
 
 
 @dataclass(frozen=True)
@@ -360,8 +361,6 @@ class PictureSnapshot:
     thumbnails: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
     screens: dict[tuple[str, str], Bytes[H, W, D3]] = field(default_factory=dict)
     """large, by camera and what is painted over it"""
-    version: int = 0
-    """of the user's edits, as the pose that is painted over them"""
 
 
 @dataclass(frozen=True)
@@ -417,13 +416,18 @@ class Notice:
         return cls("warning", "About this recording", text, of_recording=True)
 
     @classmethod
-    def of_mistake(cls, error: object, title: str = "Internal error") -> Notice:
-        """Return what the user is told of a mistake of ours; a lack of memory is none."""
+    def of_error(cls, error: Exception, title: str) -> Notice:
+        """Return what the user is told of an error, for the page must go on: its own words; of a mistake of ours, which is logged, that it
+        is one.
+        """
         if isinstance(error, MemoryError):
             return cls("error", "Not enough memory", str(not_enough_memory("This", error)))
-        what = error if isinstance(error, str) else f"{type(error).__name__}: {error}"
+        if isinstance(error, HandtrackError):
+            return cls("error", title, str(error))
+        logging.getLogger(__name__).error("internal error", exc_info=error)
+        what = f"{type(error).__name__}: {error}"
         text = f"Something went wrong inside handtrack ({what}). Your poses are safe. Details are in {ENGINE_LOG}."
-        return cls("error", title, text)
+        return cls("error", "Internal error", text)
 
 
 @dataclass(frozen=True)

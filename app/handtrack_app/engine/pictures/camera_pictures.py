@@ -400,13 +400,13 @@ class Painter:
             screen = maker.screen(camera, frame, paint, flesh, silhouette, aside)
             large[camera, paint] = screen if joints is None else joints_picture(screen, joints)
         if large:
-            yield PictureSnapshot(frame, screens=large, version=document.version)
+            yield PictureSnapshot(frame, screens=large)
         small = {}
         for name in session.rig.names if self._thumbnails else ():
             yield None
             small[name] = maker.thumbnail(name, frame, self._paint, flesh)
         if small:
-            yield PictureSnapshot(frame, small, large, document.version)
+            yield PictureSnapshot(frame, small, large)
 
     def _joints(self, camera: str, frame: int, bones: BonePoses) -> Floats[N, D2, D2]:
         """Return where a detector saw a camera's joints and where the model has them [px], of those that both have."""

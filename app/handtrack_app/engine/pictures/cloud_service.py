@@ -23,6 +23,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.session import Session
+from handtrack.session.session_state import decide
 from handtrack.session.sources.skin_samples import painted_skin
 from handtrack.tracking.frame.settings import CloudTermSettings
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
@@ -40,7 +41,7 @@ from handtrack_app.engine.pictures.camera_pictures import (
 )
 from handtrack_app.engine.service import PreviewService
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.protocol.calls import command
+from handtrack_app.protocol.calls import Rule
 from handtrack_app.protocol.snapshots import (
     CloudPicture,
     CloudSelection,
@@ -237,13 +238,13 @@ class CloudService(PreviewService):
 
     # ---- showing
 
-    @command(view=True, latest=())
+    @Rule(view=True, latest=())
     def want_surface(self, on: bool) -> None:
         """Show the solver's surface or not."""
         self._surface = on
         self.show()
 
-    @command(view=True, latest=())
+    @Rule(view=True, latest=())
     def want_cloud(self, view: CloudSelection) -> None:
         """Show this of clouds from now on."""
         self._wanted = view
@@ -288,14 +289,14 @@ class CloudService(PreviewService):
 
     # ---- settings
 
-    @command(edits=True, latest=("values",))
+    @Rule(edits=True, latest=("values",))
     def set_clouds(self, values: dict[str, object]) -> None:
         """Change settings of [clouds] by name; None: as it is usual, False: off."""
         names, slid = ", ".join(values), edits.is_slid(*values.values())
         now = self.document.clouds or CloudSettings()
         self._do(f"Clouds: {names}", lambda: edits.clouds(now.with_values(values)), names, slid)
 
-    @command(edits=True, latest=())
+    @Rule(edits=True, latest=())
     def sample_skin(
         self, frame: int, camera: str, box: tuple[int, int, int, int] | None, size: float
     ) -> None:
@@ -308,12 +309,12 @@ class CloudService(PreviewService):
 
         self.opened.change(change)
 
-    @command(edits=True)
+    @Rule(edits=True)
     def restore_clouds(self) -> None:
         """Go back to the settings of [clouds] as session.toml has them."""
-        self._do("Filters of session.toml", lambda: edits.clouds(self.document.saved_clouds))
+        self._do("Filters of session.toml", lambda: decide(clouds=None))
 
-    @command(edits=True, files=True)
+    @Rule(edits=True, files=True)
     def save_clouds(self) -> None:
         """Write the settings of [clouds] into session.toml."""
         self._save(saving.save_clouds, "Clouds' settings saved")

@@ -78,7 +78,7 @@ def method(document: Document, value: object) -> Edit:
     """Change the method, with all that it sets, and what the one before had set; back to the session's own brings its own
     values back. Raises HandtrackError.
     """
-    now, own = document.run.settings, document.own_settings
+    now, own = document.run.settings, document.saved["setting"]
     chosen = now.with_values({"method": value})
     wanted = own if chosen.method == own["method"] else chosen.flat()
     touched = ("method", *METHODS[now.method].values, *METHODS[chosen.method].values)
@@ -106,9 +106,9 @@ def shape(document: Document, name: str, value: float) -> Edit:
     return size(with_number(document.model, name, value))
 
 
-def clouds(settings: CloudSettings | None) -> Edit:
+def clouds(settings: CloudSettings) -> Edit:
     """Take settings of [clouds], all of them."""
-    return decide(clouds=CloudTable(None if settings is None else settings.table))
+    return decide(clouds=CloudTable(settings.table))
 
 
 def corrected_cameras(document: Document, cameras: Sequence[str]) -> Edit:

@@ -9,11 +9,12 @@ import tempfile
 import threading
 import time
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
@@ -25,8 +26,10 @@ from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.posed_frames import keyframe_result
 from handtrack.session.session_state import (
+    Correction,
     DecidedSize,
     Edit,
+    Key,
     SessionState,
     decide,
     in_turn,
@@ -45,7 +48,7 @@ from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.document import CorrectionFiles, Document, TakeShelf, changed_elsewhere
+from handtrack_app.engine.document import Document, TakeShelf, changed_elsewhere, correction_of
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.snapshots import Download, Notice
 
@@ -65,7 +68,7 @@ class OpenTake:
     """None: of a session that keeps nothing"""
     waiting: dict[int, FrameResult] = field(default_factory=dict)
     """frames that could not be written yet"""
-    is_refined: bool = False
+    what: str = "Tracking"
     scale: HandScale | None = None
     """of the hand, where it is another than the document's"""
     is_shown: bool = False
@@ -108,7 +111,7 @@ def brought_back(document: Document) -> str:
             (len(document.by_hand) - found, "pose set by hand", "poses set by hand"),
             (found, "pose found", "poses found"),
             (
-                len(state.setting) + len(state.limits) + len(document.unsaved_clouds),
+                len(state.setting) + len(state.limits) + len(document.unsaved("clouds")),
                 "changed setting",
                 "changed settings",
             ),
@@ -144,7 +147,8 @@ class Persistence:
     warning: str = ""
     _unwritten: list[Action] = field(default_factory=list)
     _take: OpenTake | None = None
-    _corrections: CorrectionFiles = field(default_factory=CorrectionFiles)
+    _corrections: dict[tuple[str, int], bytes | None] = field(default_factory=dict)
+    """files of them as they were written here: what stands there otherwise is kept"""
     _pins_text: str | None = None
     """pins.json as it was written here"""
     said: tuple[str, int] | None = None
@@ -253,7 +257,7 @@ class Persistence:
     def _settle(self, waits: bool = False) -> None:
         """Leave to session.toml what it says, and write, or remember that an edit waits."""
         document = self.document
-        if document.state.setting and dict(document.run.settings.flat()) == document.own_settings:
+        if document.state.setting and not document.unsaved("setting"):
             self.leave_to_the_file("setting")
         if self._first_waits is None:
             self._first_waits = time.monotonic()
@@ -292,20 +296,33 @@ class Persistence:
         while self._unwritten:
             if self.store is not None:
                 self.check()
-                session, after = self.document.run.session, read(self._unwritten[0].after)
-                corrected = [
-                    (at, value) for (kind, at), value in after.items() if kind == "correction"
-                ]
-                self._corrections.write(session, corrected)
-                if any(kind == "pins" for kind, _ in after):
-                    self._pins_text = session.pins.write(self._pins_text)
+                self._write_files(read(self._unwritten[0].after))
                 self.store.write(self._unwritten[0])
             del self._unwritten[0]
 
-    @property
-    def is_saved(self) -> bool:
-        """Whether all that was done is on disk, or nowhere to be kept."""
-        return not self._unwritten and not (self._take and self._take.waiting)
+    def _write_files(self, after: Mapping[Key, Any]) -> None:
+        """Write what an action changed of corrections and pins, before the action itself."""
+        session = self.document.run.session
+        for (kind, at), value in after.items():
+            if kind == "correction":
+                place, content = correction_of(session, at, value)
+                if place.write(at[1], content, self._corrections.get(at)):
+                    self._corrections[at] = content
+        if any(kind == "pins" for kind, _ in after):
+            self._pins_text = session.pins.write(self._pins_text)
+
+    def _corrected_elsewhere(self) -> Iterator[Edit]:
+        """Yield edits by what files of corrections say otherwise than the state, which was written after them."""
+        for at, correction in self.document.state.correction.items():
+            with suppress(HandtrackError):  # what cannot be is told where the state is applied
+                place, content = correction_of(self.document.run.session, at, correction)
+                path = place.path(at[1])
+                stands = path.read_bytes() if path.is_file() else None
+                if stands == content:
+                    self._corrections[at] = stands
+                else:
+                    now = None if stands is None else Correction(stands)
+                    yield decide(correction={at: now})
 
     @property
     def has_edits_to_write(self) -> bool:
@@ -317,8 +334,9 @@ class Persistence:
         """How far the work is on disk, as WorkSnapshot says it."""
         if self.store is None:
             return "kept nowhere" if self.warning else ""
-        waits = self._first_waits is not None
-        return "saved" if self.is_saved else "saving" if waits else "unsaved"
+        if not self._unwritten and not (self._take and self._take.waiting):
+            return "saved"
+        return "unsaved" if self._first_waits is None else "saving"
 
     # ---- takes
 
@@ -355,7 +373,14 @@ class Persistence:
         number = document.takes.next_number if writer is None else writer.take.number
         document.takes.put(number, shelf)
         self._take = OpenTake(
-            number, frames, first, shelf, writer, is_refined=is_refined, scale=scale
+            number,
+            frames,
+            first,
+            shelf,
+            writer,
+            {},
+            "Refining" if is_refined else "Tracking",
+            scale,
         )
 
     def add(self, result: FrameResult) -> None:
@@ -388,14 +413,11 @@ class Persistence:
             document.keyframes(take.frames, is_led=True).keys() - document.accepted
         )  # solved again
         laid.append(decide(pose=dict.fromkeys(given_way & document.by_hand.keys())))
-        many = f"frames {take.frames.start} to {take.frames.stop - 1}"
-        if take.is_refined:
-            if take.scale is not None:
-                laid.append(edits.size(take.scale, live=document.size.live or document.run.scale))
-            self.do(f"Refining of {many}", in_turn(*laid))
-            return
-        words = f"frame {take.first}" if len(take.frames) == 1 else many
-        self.do(f"Tracking of {words}", in_turn(*laid))
+        if take.scale is not None:
+            laid.append(edits.size(take.scale, live=document.size.live or document.run.scale))
+        words = f"frames {span.first} to {span.stop - 1}"
+        words = f"frame {take.first}" if len(take.frames) == 1 else words
+        self.do(f"{take.what} of {words}", in_turn(*laid))
 
     def end_take(self, finished: bool) -> None:
         """Say that no frame comes any more; finished: all of them did. Raises HandtrackError where frames could not be
@@ -427,8 +449,7 @@ class Persistence:
         is_known = bool(self.history.state)
         self._become(state)
         self._take_files()
-        changed = self._corrections.changed_elsewhere(session, state.correction)
-        for edit in (*changed, *changed_elsewhere(pins, session.pins)):
+        for edit in (*self._corrected_elsewhere(), *changed_elsewhere(pins, session.pins)):
             self.do("As the session's files have it", edit, kind=NOTE)
         self._take_model_of_track()
         self._take_size_of_track()
@@ -559,11 +580,8 @@ def export_beside(
         try:
             name, data = exported(chosen, table, stem, up)
             publish(Download(name, data, client_id))
-        except HandtrackError as error:
-            publish(Notice("error", "Not exported", str(error)))
-        except Exception as error:  # the page must go on, and the user must know
-            log.exception("internal error")
-            publish(Notice.of_mistake(error))
+        except Exception as error:
+            publish(Notice.of_error(error, "Not exported"))
 
     thread = threading.Thread(target=work, name="export", daemon=True)
     thread.start()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_edit import edit_toml
@@ -54,42 +56,48 @@ def _keep_hand_size(store: Persistence) -> str:
     return f" The fitted size is kept in {HAND_FILE}."
 
 
+def save_settings(store: Persistence) -> str:
+    """Write the settings that were changed into session.toml; return a sentence about it."""
+    return _save_table(store, "setting", "tracking", store.document.settings["setting"])
+
+
 def save_clouds(store: Persistence) -> str:
     """Write the settings of [clouds] into session.toml; return a sentence about it."""
-    store.check()
-    document = store.document
-    clouds, changed = document.clouds, document.unsaved_clouds
+    clouds = store.document.clouds
     if clouds is None:
         raise HandtrackError("This session has no clouds whose settings could be saved.")
-    if not changed:
-        return "session.toml has these settings already."
-    values = clouds.table
-    kept = _edit_session(store, "clouds", {name: values.get(name) for name in changed})
-    document.saved_clouds = clouds
-    store.leave_to_the_file("clouds")
-    store.flush()
-    return kept
+    return _save_table(store, "clouds", "clouds", clouds.table)
+
+
+def _save_table(store: Persistence, kind: str, table: str, values: Mapping[str, object]) -> str:
+    changed = store.document.unsaved(kind)
+    changes = {f"{table}.{name}": values.get(name) for name in changed}
+    return _save(store, kind, changes, f"[{table}] of session.toml: {', '.join(changed)}.")
 
 
 def save_masks(store: Persistence) -> str:
     """Write where masks come from into session.toml; return a sentence about it."""
-    store.check()
-    document = store.document
-    now, changes = document.masks, dict[str, object]()
+    document, changes = store.document, dict[str, object]()
+    now, saved, unsaved = document.masks, document.saved["masks"], document.unsaved("masks")
     for number, camera in enumerate(document.run.session.file.cameras):
-        if camera.name in document.unsaved_masks:
-            changes |= _mask_changes(
-                f"camera.{number}", now[camera.name], document.saved_masks[camera.name]
-            )
+        if (name := camera.name) in unsaved:
+            changes |= _mask_changes(f"camera.{number}", now[name], saved[name])
             changes[f"camera.{number}.mask_unknown"] = camera.mask_unknown
+    return _save(store, "masks", changes, f"Masks of {', '.join(unsaved)} in session.toml.")
+
+
+def _save(store: Persistence, kind: str, changes: Mapping[str, object], said: str) -> str:
+    """Write what was changed of a kind into session.toml, which says it from now on; return said, and a sentence about the file
+    before.
+    """
+    store.check()
     if not changes:
-        return "session.toml has these masks already."
-    said = ", ".join(document.unsaved_masks)
-    kept = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS)
-    document.saved_masks = now
-    store.leave_to_the_file("masks")
+        return "session.toml has these settings already."
+    kept, document = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS), store.document
+    document.saved[kind] = document.settings[kind]
+    store.leave_to_the_file(kind)
     store.flush()
-    return f"Masks of {said} in session.toml.{kept}"
+    return f"{said}{kept}"
 
 
 def _mask_changes(place: str, now: MaskChoice, saved: MaskChoice) -> dict[str, object]:
@@ -106,27 +114,6 @@ def _mask_changes(place: str, now: MaskChoice, saved: MaskChoice) -> dict[str, o
     usual = usual_values(type(masks))
     said = {k: v for k, v in table.items() if k not in usual or v != usual[k]}
     return changes | {f"{place}.masks": said}
-
-
-def save_settings(store: Persistence) -> str:
-    """Write the settings that were changed into session.toml; return a sentence about it."""
-    store.check()
-    document = store.document
-    now, own = dict(document.run.settings.flat()), document.own_settings
-    changed = {name: value for name, value in now.items() if value != own[name]}
-    if not changed:
-        return "session.toml has these settings already."
-    kept = _edit_session(store, "tracking", changed)
-    document.own_settings = now
-    store.leave_to_the_file("setting")
-    store.flush()
-    return kept
-
-
-def _edit_session(store: Persistence, table: str, changed: dict[str, object]) -> str:
-    changes = {f"{table}.{name}": value for name, value in changed.items()}
-    kept = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS)
-    return f"[{table}] of session.toml: {', '.join(changed)}.{kept}"
 
 
 def save_track(store: Persistence) -> str:
