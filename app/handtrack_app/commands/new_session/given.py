@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +22,9 @@ from handtrack.capture.calibration.formats.resolve import (
 )
 from handtrack.capture.images.openpose import LAYOUTS, height
 from handtrack.capture.joints.pose2sim import Pose2SimProject, read_pose2sim
-from handtrack.capture.joints.subject import BODY, HAND, Subject, subject_length
+from handtrack.capture.joints.subject import BODY, HAND, subject_length
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
-from handtrack.model.model_file import load_model
 from handtrack.session.session import Session
 from handtrack.session.session_file import BODY_TRACKING, is_definition
 from handtrack_app.commands.new_session.recordings import (
@@ -38,24 +36,23 @@ from handtrack_app.commands.terminal.output import can_ask, confirmed, question,
 
 
 def given_rig(
-    paths: Sequence[Path],
+    args: argparse.Namespace,
     sizes: Mapping[str, tuple[int, int]],
     cameras: Sequence[str],
     subject: GivenSubject,
-    unit_m: float | None,
-    lens: str | None,
-    yes: bool,
 ) -> tuple[CameraRig, GivenSubject, dict[str, LensView], list[str]]:
-    """Return all cameras of a calibration, with the recording's names, in metres; the subject with its joints in their images;
+    """Return all cameras of the calibration, with the recording's names, in metres; the subject with its joints in their images;
     which of them are pinhole views of other lenses; and what was assumed, in sentences.
 
-    sizes: [px] of the recorded cameras' images, where there are some. subject: what is tracked, with its joints. unit_m: what the user
-    said. lens: `plain` or `fisheye`, where the user says it. yes: take proposals without asking. Raises HandtrackError where something cannot be known.
+    args: with the files of the calibration, its unit and lens as the user says them, and whether proposals are taken without
+    asking. sizes: [px] of the recorded cameras' images, where there are some. subject: what is tracked, with its joints. Raises
+    HandtrackError where something cannot be known.
     """
+    paths, unit_m = args.calibration, args.world_unit_m
     where = " and ".join(map(str, paths))
     try:
         given, assumed = named(read_calibration(paths), cameras, where)
-        given = _with_lens(given, lens, where)
+        given = _with_lens(given, args.lens, where)
         given = sized(given, sizes, where)
         shown, views = pinholes(given, joint_regions(subject, given))
         subject = subject_in_views(subject, views)
@@ -65,7 +62,7 @@ def given_rig(
         chosen = (
             found.unit_m
             if found.sure and found.unit_m
-            else _asked(found, where, yes, subject.kind.word)
+            else _asked(found, where, args.yes, subject.kind.word)
         )
         rig = shown.rig(chosen)
     except HandtrackError as error:
@@ -82,14 +79,10 @@ def given_rig(
             f"note: with {chosen:g} m a unit, the joints make a {subject.kind.word} {100 * length * chosen:.3g} cm long; expected "
             f"{subject.kind.range_words}. Is the unit right, and do cameras, joints and frames belong together?"
         )
-    for name in dict.fromkeys(seen.camera for seen in views.values()):
+    for name, lens in {seen.camera: seen.lens for seen in views.values()}.items():
         tiles = [(tile, seen.view.size) for tile, seen in views.items() if seen.camera == name]
         shown = ", ".join(f"{tile} ({w} × {h})" for tile, (w, h) in tiles)
-        kind = (
-            "a fisheye lens"
-            if next(v for v in views.values() if v.camera == name).lens.fisheye
-            else "a lens with skew"
-        )
+        kind = "a fisheye lens" if lens.fisheye else "a lens with skew"
         notes.append(
             f"camera '{name}' has {kind}: its images are undistorted to a pinhole view, {shown}."
         )
@@ -150,40 +143,19 @@ def _asked(found: Unit, where: str, yes: bool, what: str) -> float:
 # settings
 
 
-_USUAL = {HAND: "hand26", BODY: "body34"}
+USUAL_MODELS = {HAND: "hand26", BODY: "body34"}
 _JOINT_ERROR_M = 0.025
 """of a detector's joints of bodies, against markers: 16 to 50 mm (Needham et al. 2021)"""
 
 
-@dataclass(frozen=True)
-class GivenModel:
-    """A model that the user named."""
-
-    setting: str
-    """as session.toml names it"""
-    file: Path | None
-    """a definition, to be copied into the session"""
-    kind: Subject
-
-
-def given_model(name: str | None) -> GivenModel | None:
-    """Return the model of a name or a definition's path; None where none is given. Raises HandtrackError."""
-    if name is None:
-        return None
-    file = Path(name) if is_definition(name) else None
+def definition_of(model: str) -> Path | None:
+    """Return the definition that a model's path names; None for a model's name. Raises HandtrackError."""
+    file = Path(model) if is_definition(model) else None
     if file is not None and not file.is_file():
-        raise HandtrackError(f"--model {name}: no such file; expected a definition, or {_names()}.")
-    kind = BODY if load_model(name).kind == "body" else HAND
-    return GivenModel(name if file is None else file.name, file, kind)
-
-
-def _names() -> str:
-    return " or ".join(_USUAL.values())
-
-
-def usual_model(kind: Subject) -> str:
-    """Return the name of the model of a hand or a body."""
-    return _USUAL[kind]
+        raise HandtrackError(
+            f"--model {model}: no such file; expected a definition, or {' or '.join(USUAL_MODELS.values())}."
+        )
+    return file
 
 
 def tracking_of(

@@ -9,12 +9,13 @@ from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.joints.given_joints import UnknownPoints
-from handtrack.capture.joints.subject import HAND
+from handtrack.capture.joints.subject import BODY, HAND
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.toml_table import read_table
 from handtrack.geometry.camera import CameraRig
+from handtrack.model.model_file import load_model
 from handtrack.session.bundled import TWO_VIDEOS, sample_names, write_sample
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.formats.imported_truth import import_truth
@@ -31,19 +32,18 @@ from handtrack.session.session_file import (
 )
 from handtrack_app.commands.new_session.given import (
     USUAL,
+    USUAL_MODELS,
     check_detector,
-    given_model,
+    definition_of,
     given_rig,
     side_of_hand,
     tracking_of,
-    usual_model,
     with_project,
 )
 from handtrack_app.commands.new_session.recordings import (
     CameraJoints,
     Given,
     Recorded,
-    Wished,
     check_sizes,
     copied,
     given_subject,
@@ -69,28 +69,27 @@ def make_session(args: argparse.Namespace) -> int:
     recorded = recorded_cameras(args.video, args.images, args.depth, args.keypoints)
     _check_depth(recorded, args.depth_scale)
     check_new(args.out)
-    model = given_model(args.model)
-    kind = None if model is None else model.kind
+    definition = kind = None
+    if args.model is not None:
+        definition = definition_of(args.model)
+        kind = BODY if load_model(args.model).kind == "body" else HAND
     try:
         names = {} if args.names is None else names_of_table(args.names)
         likely = None if project is None else project.layout
-        wished = Wished(args.side, kind, args.layout, args.person, names, likely)
-        subject = given_subject(recorded, wished)
+        subject = given_subject(recorded, args, kind, names, likely)
     except UnknownPoints as error:
         table = args.out.resolve().with_name(f"{args.out.resolve().name}-names.toml")
         if args.names is None and not table.exists():
             table.write_text(table_to_fill_in(error.names), encoding="utf-8")
         raise HandtrackError(f"{error} Fill in {table}, and give it with --names.") from None
     is_hand = subject.kind is HAND
-    side = (args.side or subject.side) if is_hand else None
-    truth, note = (None, "") if args.truth is None else import_truth(args.truth, side or USUAL)
-    sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
-    rig, subject, views, notes = given_rig(
-        args.calibration, sizes, list(recorded), subject, args.world_unit_m, args.lens, args.yes
-    )
+    said = (args.side or subject.side) if is_hand else None
+    side = said or USUAL
+    truth, note = (None, "") if args.truth is None else import_truth(args.truth, side)
+    rig, subject, views, notes = given_rig(args, _sizes(recorded), list(recorded), subject)
     joints = subject.joints
     recorded = in_views(recorded, views)
-    sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
+    sizes = _sizes(recorded)
     seen = [name for name, cam in recorded.items() if is_hand and cam.images and name not in joints]
     rig, padded = without_padding(rig, recorded)
     _check_cameras(recorded, rig, args)
@@ -115,21 +114,21 @@ def make_session(args: argparse.Namespace) -> int:
         files.update(names)
         return text
 
+    late = {} if project is None else project.lag_frames
+    lags = {name: frames / fps for name, frames in late.items()}
     cameras = tuple(
         CameraSettings(
             name,
-            setting(cam.images, _place(i, cam.given_as)),
+            setting(cam.images, _place(i, cam.camera)),
             masks if cam.images else None,
             lens=LensSettings.of(views[name]) if name in views and cam.images else None,
             image_size=scaled.get(name),
             depth=setting(cam.depth, f"depth/{_place(i, name)}"),
             depth_scale_m=args.depth_scale if cam.depth else None,
             keypoints=f"joints/{_place(i, name)}/*.json" if name in joints else None,
-            keypoint_layout=joints[name].layout(side or USUAL) if name in joints else None,
+            keypoint_layout=joints[name].layout(side) if name in joints else None,
             fps=own.get(name),
-            lag_s=None
-            if project is None or name not in project.lag_frames
-            else project.lag_frames[name] / fps,
+            lag_s=lags.get(name),
         )
         for i, (name, cam) in enumerate(recorded.items())
     )
@@ -146,13 +145,14 @@ def make_session(args: argparse.Namespace) -> int:
         for i, name in enumerate(recorded):
             if name in joints:
                 size = sizes.get(name, rig[name].size)
-                joints[name].write(folder / "joints" / _place(i, name), side or USUAL, size)
+                joints[name].write(folder / "joints" / _place(i, name), side, size)
         if truth is not None:
             write_truth(folder / TRUTH_FILE, truth)
-        if model is not None and model.file is not None:
-            copied({model.file.name: model.file}, folder)
-        name = usual_model(subject.kind) if model is None else model.setting
-        hand = HandSettings(name, side or USUAL, scale="fit")
+        model = args.model or USUAL_MODELS[subject.kind]
+        if definition is not None:
+            model = definition.name
+            copied({model: definition}, folder)
+        hand = HandSettings(model, side, scale="fit")
         tracking = tracking_of(subject, {n: sizes.get(n, rig[n].size) for n in joints})
         file = SessionFile(recording, hand, cameras, clouds, tracking)
         write_session_file(folder / SESSION_FILE, file)
@@ -162,7 +162,7 @@ def make_session(args: argparse.Namespace) -> int:
         count = session.frame_count
         for text in session.warnings:
             say(f"note: {text}")
-        if side is None and seen and not joints and not missing:
+        if said is None and seen and not joints and not missing:
             found = side_of_hand(session, args.detector, args.yes)
             file = replace(file, hand=replace(hand, side=found))
         if args.masks is None and is_hand:
@@ -200,6 +200,10 @@ def make_session(args: argparse.Namespace) -> int:
         masks = ["--masks"] if args.masks is None else []
         args.then.insert(0, ["detect", str(args.out), "--write", *masks, *chosen, *weights])
     return 0
+
+
+def _sizes(recorded: Mapping[str, Recorded]) -> dict[str, tuple[int, int]]:
+    return {name: cam.size for name, cam in recorded.items() if cam.size is not None}
 
 
 def _with_masks_by_joints(

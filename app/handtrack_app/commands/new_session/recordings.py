@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
 import glob
 import os
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,17 +43,13 @@ class Given:
     """One option of one camera: a file, or the files of a pattern."""
 
     option: str
-    camera: str
-    text: str
+    where: str
+    """the option as it was given"""
     files: tuple[Path, ...]
     size: tuple[int, int] | None
     """width, height [px] of its images."""
     fps: float = 0.0
     """what a video says; 0 where nothing does."""
-
-    @property
-    def where(self) -> str:
-        return f"{self.option} {self.camera}={self.text}"
 
 
 @dataclass(frozen=True)
@@ -60,18 +57,12 @@ class Recorded:
     """All that is given of one camera."""
 
     camera: str
+    """its name in the options"""
     images: Given | None = None
     depth: Given | None = None
     keypoints: str | None = None
-    taken_by: str | None = None
-    """the camera whose images it is a view of; None: its own"""
     view_size: tuple[int, int] | None = None
-    """width, height [px] of that view"""
-
-    @property
-    def given_as(self) -> str:
-        """The camera's name in the options."""
-        return self.taken_by or self.camera
+    """width, height [px], where it is a view of that camera's images"""
 
     @property
     def size(self) -> tuple[int, int] | None:
@@ -89,14 +80,22 @@ def recorded_cameras(
 ) -> dict[str, Recorded]:
     """Return what is given by camera, in the order of the options: each a file or a pattern. Raises HandtrackError."""
     cameras: dict[str, Recorded] = {}
-    for given in [*_each(_VIDEO, videos), *_each(_IMAGES, images)]:
-        if given.camera in cameras:
-            raise HandtrackError(f"{given.where}: a second video of the camera '{given.camera}'.")
-        _check_new(given, [r.images for r in cameras.values()])
-        cameras[given.camera] = Recorded(given.camera, _opened(given))
-    for given in _each(_DEPTH, depth):
-        seen = cameras.get(given.camera, Recorded(given.camera))
-        cameras[given.camera] = replace(seen, depth=_opened(given))
+    taken: dict[Path, str] = {}
+    for option, files in ((_VIDEO, videos), (_IMAGES, images)):
+        for camera, text in files.items():
+            where, place = f"{option} {camera}={text}", Path(text).resolve()
+            if camera in cameras:
+                raise HandtrackError(f"{where}: a second video of the camera '{camera}'.")
+            if place in taken:
+                raise HandtrackError(
+                    f"{where}: that is the video of the camera '{taken[place]}' already; expected another one."
+                )
+            taken[place] = camera
+            cameras[camera] = Recorded(camera, _opened(option, text, where))
+    for camera, text in depth.items():
+        seen = cameras.get(camera, Recorded(camera))
+        given = _opened(_DEPTH, text, f"{_DEPTH} {camera}={text}")
+        cameras[camera] = replace(seen, depth=given)
     for camera, file in keypoints.items():
         seen = cameras.get(camera, Recorded(camera))
         cameras[camera] = replace(seen, keypoints=file)
@@ -114,50 +113,36 @@ def in_views(
     """Return what is given by camera with each bent lens's images once for each pinhole view of them. Raises HandtrackError
     for depth, which is measured along the axis of the lens and not of the view.
     """
-    bent = {seen.camera for seen in views.values()}
+    lenses = {seen.camera: seen.lens for seen in views.values()}
+    found = {}
     for name, cam in recorded.items():
-        if name in bent and cam.depth is not None:
+        lens = lenses.get(name)
+        if lens is not None and cam.depth is not None:
             raise HandtrackError(
                 f"{cam.depth.where}: depth of a fisheye lens, or of one with skew, is not read. Give its point clouds "
                 "instead."
             )
-    lenses = {seen.camera: seen.lens for seen in views.values()}
-    found = {}
-    for name, cam in recorded.items():
-        if name in lenses and cam.images is not None and cam.size not in (None, lenses[name].size):
-            (w, h), (width, height) = cam.size or (0, 0), lenses[name].size
+        if lens is not None and cam.images is not None and cam.size not in (None, lens.size):
+            (w, h), (width, height) = cam.size or (0, 0), lens.size
             raise HandtrackError(
                 f"{cam.images.where}: images of {w} x {h}; its fisheye lens is calibrated for {width} x {height}. Calibrate it at "
                 "the size that it records."
             )
-        tiles = [tile for tile, seen in views.items() if seen.camera == name]
-        for tile in tiles or [name]:
-            size = views[tile].view.size if tiles else None
-            found[tile] = replace(cam, camera=tile, taken_by=cam.camera, view_size=size)
+        sizes = {tile: seen.view.size for tile, seen in views.items() if seen.camera == name}
+        for tile, size in (sizes or {name: None}).items():
+            found[tile] = replace(cam, view_size=size)
     return found
 
 
-def _each(option: str, files: Mapping[str, str]) -> list[Given]:
-    return [Given(option, camera, text, (), None) for camera, text in files.items()]
-
-
-def _check_new(given: Given, others: Sequence[Given | None]) -> None:
-    for other in others:
-        if other is not None and Path(other.text).resolve() == Path(given.text).resolve():
-            raise HandtrackError(
-                f"{given.where}: that is the video of the camera '{other.camera}' already; expected another one."
-            )
-
-
-def _opened(given: Given) -> Given:
+def _opened(option: str, text: str, where: str) -> Given:
     """Return an option with its files and the size of its images; the files are closed again."""
-    if given.option == _VIDEO:
-        video = VideoFile(Path(given.text), None, given.where)
+    if option == _VIDEO:
+        video = VideoFile(Path(text), None, where)
         video.close()
-        return replace(given, files=(Path(given.text),), size=video.size, fps=video.nominal_fps)
-    files = image_files(given.text, given.where)
-    kind = DEPTH if given.option == _DEPTH else COLOUR
-    return replace(given, files=files, size=ImageFiles(list(files), kind, None, given.where).size)
+        return Given(option, where, (Path(text),), video.size, video.nominal_fps)
+    files = image_files(text, where)
+    kind = DEPTH if option == _DEPTH else COLOUR
+    return Given(option, where, files, ImageFiles(list(files), kind, None, where).size)
 
 
 def image_files(text: str, where: str) -> tuple[Path, ...]:
@@ -266,7 +251,6 @@ class CameraJoints:
     """The points of a hand or a person in one camera's images."""
 
     where: str
-    family: str
     frames: Mapping[int, Floats[N, D3]]
     side: str
     """right or left; empty where the file does not say it, and of bodies."""
@@ -274,7 +258,7 @@ class CameraJoints:
     named_layout: str | None
     """the session's keypoint_layout; None: hand_left or hand_right."""
     what: str
-    """whose points they are, in words."""
+    """by which program, and whose points they are, in words."""
     unknown: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -294,7 +278,7 @@ class CameraJoints:
         left = ", ".join(self.unknown[:8])
         kind = "body" if is_body(LAYOUTS[self.layout(side)]) else "hand"
         more = f"; not a {kind}'s, so left out: {left}" if left else ""
-        say(f"{self.where}: {self.family}, {self.what} in {len(self.frames)} frames{more}.")
+        say(f"{self.where}: {self.what} in {len(self.frames)} frames{more}.")
         note(*self.notes)
 
 
@@ -318,8 +302,7 @@ def joint_regions(
     sizes = {str(camera.name): camera.size for camera in rig.cameras}
     regions = {}
     for name, joints in subject.joints.items():
-        size = sizes.get(name)
-        if size is None:
+        if (size := sizes.get(name)) is None:
             continue
         points = np.concatenate(list(joints.pixels(size).values()))
         points = points[np.isfinite(points[:, :2]).all(axis=1) & (points[:, 2] > 0), :2]
@@ -354,36 +337,30 @@ def _in_view(points: Floats[N, D3], seen: LensView) -> Floats[N, D3]:
     return moved
 
 
-@dataclass(frozen=True)
-class Wished:
-    """What the user said of joints."""
+def given_subject(
+    recorded: Mapping[str, Recorded],
+    args: argparse.Namespace,
+    kind: Subject | None,
+    names: Mapping[str, str],
+    likely: str | None,
+) -> GivenSubject:
+    """Return what is tracked, with its joints by camera. Raises HandtrackError where that is open, or cameras differ in it.
 
-    side: str | None = None
-    kind: Subject | None = None
-    """by the model that was named"""
-    layout: str | None = None
-    person: int | None = None
-    """from 1"""
-    names: Mapping[str, str] = field(default_factory=dict)
-    """our joints of a file's own points"""
-    likely_layout: str | None = None
-    """as a project's settings say; it decides what joints leave open"""
-
-
-def given_subject(recorded: Mapping[str, Recorded], wished: Wished) -> GivenSubject:
-    """Return what is tracked, with its joints by camera. Raises HandtrackError where that is open, or cameras differ in it."""
-    if wished.layout is not None and wished.layout not in LAYOUTS:
-        raise unknown_name("layout of joints", wished.layout, tuple(LAYOUTS), "--layout")
+    args: with the side, layout and person that the user said. kind: of the model that was named. names: our joints of a file's
+    own points. likely: the layout that a project's settings say; it decides what joints leave open.
+    """
+    if args.layout is not None and args.layout not in LAYOUTS:
+        raise unknown_name("layout of joints", args.layout, tuple(LAYOUTS), "--layout")
     given = {
         name: (f"--keypoints {name}={cam.keypoints}", cam.keypoints)
         for name, cam in recorded.items()
         if cam.keypoints is not None
     }
-    read = {n: (w, read_joints(text, w, wished.names, n)) for n, (w, text) in given.items()}
-    kind = _kind(wished, read)
-    _check_wished(wished, kind, read)
+    read = {n: (w, read_joints(text, w, names, n)) for n, (w, text) in given.items()}
+    kind = kind or _kind(args, read)
+    _check_wished(args, kind, read)
     found = {
-        name: _person(one, where, wished) if kind is BODY else _hand(one, where, wished.side)
+        name: _person(one, where, args, likely) if kind is BODY else _hand(one, where, args.side)
         for name, (where, one) in read.items()
     }
     sides = {joints.side: joints for joints in found.values() if joints.side}
@@ -419,15 +396,13 @@ def table_to_fill_in(points: Sequence[str]) -> str:
     return "\n".join([*lines, *(f'{joint} = ""' for joint in JOINTS)]) + "\n"
 
 
-def _kind(wished: Wished, read: Mapping[str, tuple[str, ImportedJoints]]) -> Subject:
+def _kind(args: argparse.Namespace, read: Mapping[str, tuple[str, ImportedJoints]]) -> Subject:
     """Return whether a hand or a body is tracked: as the user says, else what the files have alone."""
-    if wished.kind is not None:
-        return wished.kind
-    if wished.layout is not None:
-        return BODY if is_body(LAYOUTS[wished.layout]) else HAND
-    if wished.side is not None:
+    if args.layout is not None:
+        return BODY if is_body(LAYOUTS[args.layout]) else HAND
+    if args.side is not None:
         return HAND
-    if wished.person is not None:
+    if args.person is not None:
         return BODY
     by_kind = {
         HAND: [where for where, one in read.values() if one.has_hand or one.bodies is None],
@@ -443,50 +418,51 @@ def _kind(wished: Wished, read: Mapping[str, tuple[str, ImportedJoints]]) -> Sub
     return BODY if by_kind[BODY] else HAND
 
 
-def _check_wished(wished: Wished, kind: Subject, read: Mapping[str, object]) -> None:
+def _check_wished(args: argparse.Namespace, kind: Subject, read: Mapping[str, object]) -> None:
     """Raise HandtrackError for words that do not belong to what is tracked, or to joints that are not given."""
-    for option, value in (("--layout", wished.layout), ("--person", wished.person)):
+    for option, value in (("--layout", args.layout), ("--person", args.person)):
         if value is not None and not read:
             raise HandtrackError(f"{option} {value} is about joints, but no --keypoints are given.")
-    if kind is HAND and wished.person is not None:
+    if kind is HAND and args.person is not None:
         raise HandtrackError(
-            f"--person {wished.person} is about bodies; a hand is chosen with --side."
+            f"--person {args.person} is about bodies; a hand is chosen with --side."
         )
-    if wished.layout is not None and is_body(LAYOUTS[wished.layout]) != (kind is BODY):
+    if args.layout is not None and is_body(LAYOUTS[args.layout]) != (kind is BODY):
         raise HandtrackError(
-            f"--layout {wished.layout} is not of a {kind.word}, which is to be tracked."
+            f"--layout {args.layout} is not of a {kind.word}, which is to be tracked."
         )
 
 
 def _hand(given: ImportedJoints, where: str, side: str | None) -> CameraJoints:
     chosen, frames = given.hand(side, where)
     return CameraJoints(
-        where, given.family, frames, chosen, given.is_share, given.layout, "a hand", given.unknown, given.notes
+        where, frames, chosen, given.is_share, given.layout, f"{given.family}, a hand", given.unknown, given.notes
     )  # fmt: skip
 
 
-def _person(given: ImportedJoints, where: str, wished: Wished) -> CameraJoints:
+def _person(
+    given: ImportedJoints, where: str, args: argparse.Namespace, likely: str | None
+) -> CameraJoints:
     bodies = given.bodies
     if bodies is None:
         raise HandtrackError(f"{where}: no body in any frame.")
-    layout = layout_of(bodies, wished.layout, where, wished.likely_layout)
+    layout = layout_of(bodies, args.layout, where, likely)
     everybody = people(bodies.frames)
-    number = wished.person or 1
+    number = args.person or 1
     if number > len(everybody):
         raise HandtrackError(
             f"--person {number}: {where} has {_people(len(everybody))}; expected at most {len(everybody)}."
         )
-    what = f"a body ({layout})"
+    what, notes = f"{given.family}, a body ({layout})", ()
     if len(everybody) > 1:
-        who = "the tallest who stays" if wished.person is None else f"person {number}"
+        what += f", {'the tallest who stays' if args.person is None else f'person {number}'}"
         others = ", ".join(str(len(p)) for p in everybody[:4] if p is not everybody[number - 1])
-        what += f", {who}"
-        note = f"{where}: {len(everybody)} people; others are in {others} frames (--person chooses one)."
-    else:
-        note = ""
+        notes = (
+            f"{where}: {len(everybody)} people; others are in {others} frames (--person chooses one).",
+        )
     return CameraJoints(
-        where, given.family, everybody[number - 1], "", bodies.is_share, layout, what, bodies.unknown, (note,) if note else ()
-    )  # fmt: skip
+        where, everybody[number - 1], "", bodies.is_share, layout, what, bodies.unknown, notes
+    )
 
 
 def _people(count: int) -> str:
