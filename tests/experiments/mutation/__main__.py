@@ -1,7 +1,10 @@
-"""Random mutation: python -m tests.experiments.mutation [--module PART] [--draw N] [--max N] [--seed S] prints each mutant and the score.
+"""Random mutation: prints each mutant and how many of them the tests notice.
 
---draw: so many modules are drawn from library and application; --max: mutants of each (1). Every mutant is tried in a process of its own, forked from one that has imported the libraries already;
-the changed source is handed to the import, so that no file is touched.
+    pytest --cov --cov-context=test --cov-report=
+    python -m tests.experiments.mutation --draw 100 --seed 7
+
+The first tells which tests run which line. Every mutant is tried on tests that run its line, in a process of its own, forked
+from one that has imported the libraries already; the changed source is handed to the import, so that no file is touched.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import random
 import signal
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import cv2  # noqa: F401 - what every mutant would import anew
@@ -22,13 +26,11 @@ import pytest
 import scipy.ndimage
 import scipy.spatial  # noqa: F401
 
-from tests.experiments.mutation.mutants import mutants
-from tests.experiments.mutation.targets import modules, near_tests
+from tests.experiments.mutation.mutants import Mutant, mutants
+from tests.experiments.mutation.targets import Coverage, modules
 
-ROOT = Path(__file__).parents[3]
-_OURS = ("handtrack", "handtrack_app", "docs")
-_PATIENCE, _LEAST_S = 8.0, 30.0
-"""times as long as the tests take; a mutant that runs longer is killed"""
+_MOST_S = 600.0
+"""after which a mutant is killed: it hangs"""
 
 
 class _Handed(importlib.abc.SourceLoader, importlib.abc.MetaPathFinder):
@@ -43,19 +45,29 @@ class _Handed(importlib.abc.SourceLoader, importlib.abc.MetaPathFinder):
         return None
 
     def get_filename(self, fullname):
-        return str(path_of(self.module))
+        return str(modules()[self.module])
 
     def get_data(self, path):
         return self.source.encode()
 
 
-def path_of(module: str) -> Path:
-    root = ROOT / "app" if module.startswith("handtrack_app") else ROOT
-    return root.joinpath(*module.split(".")).with_suffix(".py")
+class _First:
+    """Writes the first test that fails to a pipe."""
+
+    def __init__(self, pipe: int):
+        self._pipe = pipe
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed:
+            os.write(self._pipe, report.nodeid.encode())
 
 
-def passes(module: str, source: str, tests: tuple[str, ...], most_s: float) -> bool:
-    """Return whether the tests pass with a module's source, in a process of its own, within a time."""
+def failure(module: str, source: str, tests: list[str], most_s: float) -> str | None:
+    """Run tests with a module's source, in a process of its own, within a time.
+
+    Returns None if all pass; else the first that failed, or what happened instead.
+    """
+    reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
         code = 3
@@ -63,39 +75,38 @@ def passes(module: str, source: str, tests: tuple[str, ...], most_s: float) -> b
             silent = os.open(os.devnull, os.O_WRONLY)
             os.dup2(silent, 1)
             os.dup2(silent, 2)
-            for name in [n for n in sys.modules if n.partition(".")[0] in _OURS]:
-                del sys.modules[name]  # `docs.generate` has imported half of the program
             sys.meta_path.insert(0, _Handed(module, source))
-            code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests]))
+            options = ["-x", "-q", "-p", "no:cacheprovider"]
+            code = int(pytest.main([*options, *tests], plugins=[_First(writing)]))
         finally:
             os._exit(code)
-    began = time.monotonic()
-    while time.monotonic() - began < most_s:
-        done, status = os.waitpid(child, os.WNOHANG)
-        if done:
-            return os.waitstatus_to_exitcode(status) == 0
+    os.close(writing)
+    began, status = time.monotonic(), None
+    while status is None and time.monotonic() - began < most_s:
+        done, waited = os.waitpid(child, os.WNOHANG)
+        status = os.waitstatus_to_exitcode(waited) if done else None
         time.sleep(0.02)
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return False
+    if status is None:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    with os.fdopen(reading, "rb") as pipe:
+        first = pipe.read().decode()
+    if status is None:
+        return "out of time"
+    return None if status == 0 else first or "not imported"
 
 
-def killed(module: str, most: int, seed: int) -> tuple[int, int]:
-    """Try at most `most` mutants of a module, drawn by seed; return how many its tests noticed, and how many were tried."""
-    source, tests = path_of(module).read_text(encoding="utf-8"), near_tests(module)
-    began = time.monotonic()
-    if not (tests and passes(module, source, tests, 600.0)):
-        print(f"left out {module}: no test is near, or they fail: pytest {' '.join(tests)}")
-        return 0, 0
-    most_s = max(_PATIENCE * (time.monotonic() - began), _LEAST_S)
-    every = mutants(source)
-    drawn = random.Random(f"{module} {seed}").sample(every, min(most, len(every)))
-    noticed = 0
-    for mutant in sorted(drawn, key=lambda m: m.line):
-        lives = passes(module, mutant.source, tests, most_s)
-        noticed += not lives
-        print(f"{'SURVIVED' if lives else 'killed':8s} {module}:{mutant.line} {mutant.change}", flush=True)  # fmt: skip
-    return noticed, len(drawn)
+def outcome(module: str, file: Path, mutant: Mutant, coverage: Coverage, most: int) -> str:
+    """Return `killed`, `SURVIVED`, `NOT RUN` by any test, or `left out` where a test fails without the change too."""
+    source = file.read_text("utf-8")
+    tests = coverage.tests(file, source, mutant.line, most)
+    if not tests:
+        return "NOT RUN"
+    first = failure(module, mutant.source, tests, _MOST_S)
+    if first is None:
+        return "SURVIVED"
+    again = [first] if "::" in first else tests[:1]
+    return "killed" if failure(module, source, again, _MOST_S) is None else "left out"
 
 
 def main() -> None:
@@ -105,14 +116,25 @@ def main() -> None:
     parser.add_argument("--module", default="", help="only modules whose name contains this")
     parser.add_argument("--draw", type=int, default=0, help="number of modules (all)")
     parser.add_argument("--max", type=int, default=1, help="mutants per module (1)")
+    parser.add_argument("--tests", type=int, default=40, help="most tests a mutant is tried on")
+    parser.add_argument("--coverage", type=Path, default=Path(".coverage"), help="data file")
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
-    os.chdir(ROOT)
-    known = [module for module in modules(ROOT) if chosen.module in module]
-    if chosen.draw:
-        known = random.Random(chosen.seed).sample(known, min(chosen.draw, len(known)))
-    scores = [killed(module, chosen.max, chosen.seed) for module in known]
-    print(f"{sum(n for n, _ in scores)} of {sum(m for _, m in scores)} mutants noticed")
+    coverage = Coverage(chosen.coverage)
+    known = {name: file for name, file in modules().items() if chosen.module in name}
+    drawn = random.Random(chosen.seed).sample(
+        list(known), min(chosen.draw or len(known), len(known))
+    )
+    outcomes = Counter()
+    for module in drawn:
+        every = mutants(known[module].read_text("utf-8"))
+        rng = random.Random(f"{module} {chosen.seed}")
+        for mutant in rng.sample(every, min(chosen.max, len(every))):
+            found = outcome(module, known[module], mutant, coverage, chosen.tests)
+            outcomes[found] += 1
+            print(f"{found:8s} {module}:{mutant.line} {mutant.change}", flush=True)
+    tried = sum(outcomes.values()) - outcomes["left out"]
+    print(f"{outcomes['killed']} of {tried} mutants noticed")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Which tests are to notice a change of which module. Compiled code is left out: Numba's cache gives the function as it
+"""Which tests run which lines, as coverage has measured it. Compiled code is left out: Numba's cache gives the function as it
 was, and a plain implementation stands beside each.
 """
 
@@ -6,21 +6,19 @@ from __future__ import annotations
 
 import ast
 import re
-from functools import cache
+from collections import Counter
 from pathlib import Path
 
-from docs.generate import public_names
+from coverage import CoverageData
 
 _ROOT = Path(__file__).parents[3]
-_FILES = 3  # of tests that a drawn mutant is tried on
 
 
-@cache
-def modules(root: Path = _ROOT) -> dict[str, Path]:
-    """Return the files of the core's and the application's modules by name, without those that hold compiled functions."""
+def modules() -> dict[str, Path]:
+    """Return the files of library and application by module, without those that hold compiled functions."""
     files = {
         ".".join(path.relative_to(base).with_suffix("").parts): path
-        for base, package in ((root, "handtrack"), (root / "app", "handtrack_app"))
+        for base, package in ((_ROOT, "handtrack"), (_ROOT / "app", "handtrack_app"))
         for path in sorted((base / package).rglob("*.py"))
         if path.name != "__init__.py"
     }
@@ -33,41 +31,36 @@ def modules(root: Path = _ROOT) -> dict[str, Path]:
     }
 
 
-def near_tests(module: str) -> tuple[str, ...]:
-    """Return the tests that are to notice a change of a module: the files that import it, or what imports it, by as few steps as any; of
-    several those that import least else.
-    """
-    every, reached = modules(), {module}
-    tests = {path: _imports(path) for path in sorted((_ROOT / "tests").rglob("test_*.py"))}
-    while True:
-        near = [path for path, names in tests.items() if names & reached]
-        if near:
-            near.sort(key=lambda path: (len(tests[path] & set(every)), path))
-            return tuple(str(path.relative_to(_ROOT)) for path in near[:_FILES])
-        wider = reached | {name for name, path in every.items() if _imports(path) & reached}
-        if wider == reached:
-            return _mentioning(module)
-        reached = wider
+class Coverage:
+    """What each test ran, by the data file that `pytest --cov --cov-context=test` leaves. Raises FileNotFoundError."""
 
+    def __init__(self, path: Path):
+        if not path.is_file():
+            raise FileNotFoundError(f"{path}: first run pytest --cov --cov-context=test")
+        data = CoverageData(str(path))
+        data.read()
+        self._lines = {
+            file: {
+                line: {name.partition("|")[0] for name in contexts if name}
+                for line, contexts in data.contexts_by_lineno(file).items()
+            }
+            for file in data.measured_files()
+        }
+        self._sizes = Counter(
+            test for lines in self._lines.values() for tests in lines.values() for test in tests
+        )
 
-def _mentioning(module: str) -> tuple[str, ...]:
-    """Return the tests of a module's room that name it most: it is imported by its name in a table."""
-    package, *rooms, name = module.split(".")
-    room = _ROOT / "tests" / ("app" if package == "handtrack_app" else "") / "".join(rooms[:1])
-    counts = {path: path.read_text("utf-8").count(name) for path in sorted(room.rglob("test_*.py"))}
-    most = sorted((path for path, count in counts.items() if count), key=lambda p: -counts[p])
-    return tuple(str(path.relative_to(_ROOT)) for path in most[:_FILES])
-
-
-@cache
-def _imports(path: Path) -> frozenset[str]:
-    """Return every name that a file may have imported as a module."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    public = public_names().items()
-    found |= {at.rpartition(".")[0] for name, at in public if f"handtrack.{name}" in found}
-    return frozenset(found)
+    def tests(self, file: Path, source: str, line: int, most: int) -> list[str]:
+        """Return at most `most` tests that run a line of a file, those first that run the fewest lines in all; of a line
+        that only an import runs, those that run any line of the file.
+        """
+        statements = [
+            node.lineno
+            for node in ast.walk(ast.parse(source))
+            if isinstance(node, ast.stmt) and node.lineno <= line <= (node.end_lineno or line)
+        ]
+        lines = self._lines.get(str(file), {})
+        if (at := max(statements)) not in lines:
+            return []
+        tests = lines[at] or set().union(*lines.values())
+        return sorted(tests, key=lambda test: (self._sizes[test], test))[:most]
