@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D3, D21, Floats, evenly_spread
-from handtrack.capture.images.openpose import write_hand, written_by
+from handtrack.capture.images.openpose import LAYOUTS, write_points, written_by
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.detector.hand_detector import DetectedHand, HandDetector
@@ -156,7 +156,7 @@ class JointDetection:
                     path = joint_file(self.session.folder, view.name, self._own[view.name][frame])
                     path.parent.mkdir(parents=True, exist_ok=True)
                     points = None if mine is None else _with_confidence(mine.hand, view)
-                    write_hand(path, points, side, _WRITER)
+                    write_points(path, points, LAYOUTS[f"hand_{side}"], _WRITER)
         return [
             CameraDetection(name, n.total(), n["found"], n["other side"], n["unfit"])
             for name, n in tallies.items()

@@ -11,7 +11,7 @@ import numpy as np
 from handtrack import CameraRig, Session
 from handtrack.arrays import D3, D21, F, Floats
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.capture.images.openpose import write_hand
+from handtrack.capture.images.openpose import LAYOUTS, write_points
 from handtrack.files.toml_edit import edit_toml
 from handtrack.session.session_file import (
     CameraSettings,
@@ -150,7 +150,7 @@ def add_joints(folder: Path, seen: Mapping[str, Mapping[int, Floats]]) -> Path:
         at.mkdir(parents=True, exist_ok=True)
         for frame, rows in seen.get(camera.name, {}).items():
             points = rows if rows.shape[1] == 3 else np.column_stack([rows, np.ones(21)])
-            write_hand(at / f"{frame:06d}.json", points, "right", "test")
+            write_points(at / f"{frame:06d}.json", points, LAYOUTS["hand_right"], "test")
         if camera.name in seen:
             changes[f"camera.{number}.keypoints"] = f"keypoints/{camera.name}/*.json"
             changes[f"camera.{number}.keypoint_layout"] = "mediapipe21"

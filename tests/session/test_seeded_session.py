@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from handtrack import HandtrackError, Session
-from handtrack.capture.images.openpose import write_hand
+from handtrack.capture.images.openpose import LAYOUTS, write_points
 from handtrack.session.doctor.check_views import check_view
 from tests.capture.seeded_scenes import SIZE, recording
 
@@ -52,7 +52,7 @@ def folder(tmp_path):
     for frame in drawn().frames:
         points = np.array([[*at, 0.9] for at in drawn().joints[frame].values()])
         hand = None if frame in NOBODY else points
-        write_hand(tmp_path / "joints" / f"{frame:03d}.json", hand, "right", "test")
+        write_points(tmp_path / "joints" / f"{frame:03d}.json", hand, LAYOUTS["hand_right"], "test")
     return tmp_path
 
 

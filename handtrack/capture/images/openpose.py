@@ -146,11 +146,6 @@ def _values(person: Any, layout: Layout, who: str) -> tuple[str, Sequence[Any]]:
     return key, known[key]
 
 
-def write_hand(path: Path, points: Floats[K, D3] | None, side: str, writer: str) -> None:
-    """Write one hand's 21 points, or that none was found, as OpenPose does. side: right or left."""
-    write_points(path, points, LAYOUTS[f"hand_{side}"], writer)
-
-
 def write_points(path: Path, points: Floats[K, D3] | None, layout: Layout, writer: str) -> None:
     """Write one hand's or person's points, or that none was found, as OpenPose does.
 
@@ -167,7 +162,7 @@ def write_points(path: Path, points: Floats[K, D3] | None, layout: Layout, write
 
 
 def written_by(path: Path) -> str | None:
-    """Return the mark that `write_hand` left in a file; None in files of others, and in what cannot be read."""
+    """Return the mark that `write_points` left in a file; None in files of others, and in what cannot be read."""
     try:
         table = read_json(path, "joints")
     except HandtrackError:

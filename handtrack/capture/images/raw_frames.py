@@ -41,14 +41,13 @@ def demosaic(mosaic: Array[H, W], pattern: str, method: str = "library") -> Arra
     if method not in METHODS:
         raise unknown_name("method", method, METHODS)
     values = mosaic.astype(np.float64)
-    if method == "bilinear":
-        green = _bilinear_green(values, pattern)
-    else:
-        green = level_line_green(values, pattern)
-    planes = [
-        _colour(values, pattern, c, green if method == "level_line_hue" else None) for c in "BR"
-    ]
-    image = np.stack([planes[0], green, planes[1]], axis=-1)
+    masks = {colour: _mask(mosaic.shape, pattern, colour) for colour in "BGR"}
+    green = (
+        _averaged(values, masks["G"]) if method == "bilinear" else level_line_green(values, pattern)
+    )
+    base = green if method == "level_line_hue" else 0.0
+    blue, red = (_averaged(values - base, masks[colour]) + base for colour in "BR")
+    image = np.stack([blue, green, red], axis=-1)
     most = np.iinfo(mosaic.dtype).max
     return np.clip(np.round(image), 0, most).astype(mosaic.dtype)
 
@@ -97,10 +96,7 @@ def level_line_at(
 
 def _level_line_value(plane: Array, row: Array, column: Array, u: Floats, v: Floats) -> Floats:
     """Return the values at (u, v) from 0 to 1 of the squares whose first corner is at row and column."""
-    p1, p2, p3, p4 = (
-        plane[row + down, column + right].astype(float)
-        for down, right in ((0, 0), (0, 1), (1, 0), (1, 1))
-    )
+    p1, p2, p3, p4 = (plane[row + down, column + right].astype(float) for down, right in _PLACES)
     along_x, along_y = -((p3 - p1) + (p4 - p2)), (p2 - p1) + (p4 - p3)  # (−Δy, Δx), twice
     along_x = np.where((along_x == 0) & (along_y == 0), 1.0, along_x)  # flat: any line will do
 
@@ -126,7 +122,8 @@ def _level_line_value(plane: Array, row: Array, column: Array, u: Floats, v: Flo
 
 def check_mosaic(mosaic: Array[*Axes], pattern: str) -> None:
     """Raise HandtrackError unless an array can be a mosaic of the pattern."""
-    _check_pattern(pattern)
+    if pattern not in PATTERNS:
+        raise unknown_name("Bayer pattern", pattern, PATTERNS)
     if mosaic.ndim == 3:
         raise HandtrackError(
             f"a raw mosaic has one channel; found an image of shape {mosaic.shape}. It is colour "
@@ -176,11 +173,6 @@ def _diagonal_differences(values: Floats) -> tuple[float, float]:
     return float(np.abs(local[0]).mean()), float(np.abs(local[1]).mean())
 
 
-def _check_pattern(pattern: str) -> None:
-    if pattern not in PATTERNS:
-        raise unknown_name("Bayer pattern", pattern, PATTERNS)
-
-
 def _library(mosaic: Array, pattern: str, method: str) -> Array:
     if method == "library_vng" and mosaic.dtype != np.uint8:
         raise HandtrackError(
@@ -212,18 +204,6 @@ def _mask(shape: tuple[int, ...], pattern: str, colour: str) -> Array:
         if here == colour:
             mask[row::2, column::2] = True
     return mask
-
-
-def _bilinear_green(mosaic: Floats, pattern: str) -> Floats:
-    return _averaged(mosaic, _mask(mosaic.shape, pattern, "G"))
-
-
-def _colour(mosaic: Floats, pattern: str, colour: str, green: Floats | None) -> Floats:
-    """Return red or blue (H, W): linear, or linear in its difference to green."""
-    mask = _mask(mosaic.shape, pattern, colour)
-    if green is None:
-        return _averaged(mosaic, mask)
-    return _averaged(mosaic - green, mask) + green
 
 
 def _averaged(values: Floats, mask: Array) -> Floats:
@@ -299,16 +279,14 @@ class MosaicFiles(ImageFiles):
             self._looked = True
             for frame in self.frames:
                 mosaic = super().read(frame)
-                if mosaic is not None:
-                    self._learn(mosaic, frame)
-                    return
-
-    def _learn(self, mosaic: Array, frame: int) -> None:
-        path = self.path(frame)
-        try:
-            doubts = mosaic_doubts(mosaic, self._pattern)
-        except HandtrackError as error:
-            raise HandtrackError(f"{path}: {error}") from None
-        self._doubts = tuple(f"{path}: {text}" for text in doubts)
-        if self._white is None:
-            self._white = max(float(np.percentile(mosaic, _WHITE_PERCENTILE)), 1.0)
+                if mosaic is None:
+                    continue
+                path = self.path(frame)
+                try:
+                    doubts = mosaic_doubts(mosaic, self._pattern)
+                except HandtrackError as error:
+                    raise HandtrackError(f"{path}: {error}") from None
+                self._doubts = tuple(f"{path}: {text}" for text in doubts)
+                if self._white is None:
+                    self._white = max(float(np.percentile(mosaic, _WHITE_PERCENTILE)), 1.0)
+                return

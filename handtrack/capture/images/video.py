@@ -139,7 +139,8 @@ class VideoFile:
         self.where = where or str(path)
         self._lock, self._counting = threading.RLock(), threading.Lock()
         self._cache = LRUCache[int, Array]()
-        self._audit = audit
+        self.audit = audit
+        """what decoding everything told; None until it was done"""
         self._checkpoints = dict(audit.checkpoints) if audit is not None else {}
         self._capture = self._open()
         sides = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
@@ -155,6 +156,8 @@ class VideoFile:
         self._announced = announced_frames(self._capture)
         self.size = (first.shape[1], first.shape[0])
         self._keep = max(8, _CACHE_BYTES // first.nbytes)
+        self._window = self._keep // 2
+        """frames kept before one that was stepped back to, for further steps back"""
         self._remember(0, first)
         self.nominal_fps = float(self._capture.get(cv2.CAP_PROP_FPS))
         """what the container says [1/s]; 0 when it says nothing."""
@@ -174,22 +177,17 @@ class VideoFile:
             return self.frames
         return range(self._announced if known is None else known.count)
 
-    @property
-    def audit(self) -> VideoAudit | None:
-        """What decoding everything told; None until it was done."""
-        return self._audit
-
     def audited(self) -> VideoAudit:
         """Return the audit, made if need be, beside who reads."""
         with self._counting:
-            if self._audit is None:
+            if self.audit is None:
                 capture = self._open()
                 audit = VideoAudit.of(capture, _CHECKPOINT_EVERY)
                 capture.release()
                 with self._lock:
                     self._checkpoints = dict(audit.checkpoints)
-                    self._audit = audit
-            return self._audit
+                    self.audit = audit
+            return self.audit
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -206,12 +204,10 @@ class VideoFile:
         with self._lock:
             if (cached := self._cache.get(frame)) is not None:
                 return cached
-            if self._audit is not None and frame >= self._audit.count:
+            if self.audit is not None and frame >= self.audit.count:
                 return None
-            if frame < self._next:
-                self._rewind(frame)
-            elif frame - self._next > _CHECKPOINT_EVERY:
-                self._jump(frame)
+            if not 0 <= frame - self._next <= _CHECKPOINT_EVERY:
+                self._seek(frame)
             return self._decode_to(frame)
 
     def close(self) -> None:
@@ -242,8 +238,7 @@ class VideoFile:
 
     def _decode_to(self, frame: int) -> Array | None:
         """Decode up to a frame at or after the position; the last ones on the way stay in the cache."""
-        window = self._window
-        while self._next < frame - window:
+        while self._next < frame - self._window:
             if not self._capture.grab():
                 return None
             self._next += 1
@@ -256,32 +251,20 @@ class VideoFile:
                 return None  # the video ends before the frame
         return self._cache.get(frame)
 
-    @property
-    def _window(self) -> int:
-        """Frames kept before one that was stepped back to, for further steps back."""
-        return self._keep // 2
-
     def _remember(self, frame: int, image: Array) -> None:
         image.flags.writeable = False
         self._cache.put(frame, image, self._keep)
 
-    def _rewind(self, frame: int) -> None:
-        """Place the decoder a window before `frame`, at a proven checkpoint or at the start."""
-        if not self._seek_checkpoint(max(0, frame - self._window)):
-            self._restart()
+    def _seek(self, frame: int) -> None:
+        """Place the decoder a window before `frame`, at a proven checkpoint, or at the start unless it is before the frame."""
+        after = self._next if self._next <= frame else 0
+        found = self._seek_checkpoint(frame - self._window, after)
+        if not found and not 0 <= self._next <= frame:  # an attempt loses the place
+            self._capture.release()
+            self._capture = self._open()
+            self._next = 0
 
-    def _jump(self, frame: int) -> None:
-        """Place the decoder nearer to a frame far ahead, if a proven checkpoint lies between."""
-        found = self._seek_checkpoint(max(0, frame - self._window), after=self._next)
-        if not found and self._next < 0:  # the attempt lost the place
-            self._restart()
-
-    def _restart(self) -> None:
-        self._capture.release()
-        self._capture = self._open()
-        self._next = 0
-
-    def _seek_checkpoint(self, frame: int, after: int = 0) -> bool:
+    def _seek_checkpoint(self, frame: int, after: int) -> bool:
         """Seek to the last checkpoint in (after, frame]; true when time stamp and content prove it
         was reached."""
         usable = [at for at in self._checkpoints if after < at <= frame]

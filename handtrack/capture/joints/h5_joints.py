@@ -43,19 +43,9 @@ def read_h5_joints(path: Path, names: Names) -> ImportedJoints | None:
                 return _sleap(file, path, names)
             table = _table(file, h5py)
             return None if table is None else _deeplabcut(table, path, names)
-    except HandtrackError:
+    except (HandtrackError, MemoryError):
         raise
-    except (
-        OSError,
-        KeyError,
-        ValueError,
-        TypeError,
-        RuntimeError,
-        IndexError,
-        AttributeError,
-        EOFError,
-        pickle.UnpicklingError,
-    ) as error:
+    except Exception as error:  # h5py and pickle fail in many ways on damaged bytes
         raise HandtrackError(
             f"{path}: not readable as DeepLabCut or SLEAP write it ({str(error)[:120]})."
         ) from None
@@ -97,9 +87,9 @@ def _sleap(file: Any, path: Path, known: Names) -> ImportedJoints:
             f"{path}: tracks of the shape {tracks.shape}; expected (tracks, 2, {len(names)}, frames)."
         )
     scores = file.get("point_scores")
-    sure = None if scores is None else _array(scores, str(path)).astype(float)
-    if sure is None or sure.shape != (tracks.shape[0], *tracks.shape[2:]):
-        sure = np.ones((tracks.shape[0], *tracks.shape[2:]))
+    sure = np.ones(0) if scores is None else _array(scores, str(path)).astype(float)
+    if sure.shape != tracks[:, 0].shape:
+        sure = np.ones_like(tracks[:, 0])
     names = renamed(names, known, str(path))
     return _by_names(
         names, tracks.transpose(0, 3, 2, 1), sure.transpose(0, 2, 1), path, "SLEAP's analysis file"
@@ -162,9 +152,7 @@ def _deeplabcut(group: Any, path: Path, known: Names) -> ImportedJoints:
     places = {(name[-2], name[-1]): i for i, name in enumerate(names)}
     points = list(dict.fromkeys(name[-2] for name in names))
     columns = columns_of(values, [[places.get((name, kind)) for kind in KINDS] for name in points])
-    index = rows["index"] if "index" in (rows.dtype.names or ()) else np.arange(len(rows))
-    frames = (
-        [int(i) for i in index] if np.asarray(index).dtype.kind in "iu" else list(range(len(rows)))
-    )
+    index = rows["index"] if "index" in rows.dtype.names else np.zeros(0)
+    frames = list(map(int, index)) if index.dtype.kind in "iu" else range(len(rows))
     points = renamed(points, known, str(path))
     return table_joints("DeepLabCut's HDF5", points, columns, frames, str(path))

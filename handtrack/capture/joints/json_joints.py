@@ -51,7 +51,7 @@ def read_json_joints(tree: Any, where: str) -> ImportedJoints | None:
     return _whole_body(people, frames, where) if people else None
 
 
-def _frames(tree: Any, where: str) -> Iterator[tuple[int, Any]]:
+def _frames(tree: Any, where: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
     """Yield every frame's number and what is there: from a list of frames, or a mapping by frame number."""
     if isinstance(tree, Mapping) and isinstance(tree.get("annotations"), list):
         files = {
@@ -64,21 +64,18 @@ def _frames(tree: Any, where: str) -> Iterator[tuple[int, Any]]:
                 name = files.get(entry.get("image_id"))
                 yield frame_number(name) if name else _number(entry, 0, where), entry
         return
-    inner = (
-        next(
-            (tree[k] for k in ("frames", "instance_info", "results", "predictions") if k in tree),
-            tree,
-        )
-        if isinstance(tree, Mapping)
-        else tree
-    )
-    if isinstance(inner, Mapping) and inner and all(str(key).isdecimal() for key in inner):
-        inner = [
-            {"frame": int(key), **(v if isinstance(v, Mapping) else {"instances": v})}
-            for key, v in inner.items()
-        ]
-    for i, entry in enumerate(inner if isinstance(inner, list) else ()):
-        yield (_number(entry, i, where) if isinstance(entry, Mapping) else i), entry
+    if isinstance(tree, Mapping):
+        keys = ("frames", "instance_info", "results", "predictions")
+        tree = next((tree[key] for key in keys if key in tree), tree)
+    if isinstance(tree, Mapping) and all(str(key).isdecimal() for key in tree):
+        tree = [{"frame": int(key), **_table(entry)} for key, entry in tree.items()]
+    for i, entry in enumerate(tree if isinstance(tree, list) else ()):
+        yield _number(_table(entry), i, where), _table(entry)
+
+
+def _table(entry: Any) -> Mapping[str, Any]:
+    """Return a frame's entry; one that is no mapping is the list of its people."""
+    return entry if isinstance(entry, Mapping) else {"instances": entry}
 
 
 def _number(entry: Mapping[str, Any], otherwise: int, where: str) -> int:
@@ -94,9 +91,9 @@ def _number(entry: Mapping[str, Any], otherwise: int, where: str) -> int:
 # ---- MediaPipe
 
 
-def _by_side(entry: Any) -> Any:
+def _by_side(entry: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a frame whose landmarks stand by side, each as columns of numbers by point, as MediaPipe writes a frame."""
-    sides = entry.get("landmarks") if isinstance(entry, Mapping) else None
+    sides = entry.get("landmarks")
     if (
         not isinstance(sides, Mapping)
         or not sides
@@ -116,17 +113,14 @@ def _in_rows(hand: Any) -> Any:
     return [list(row) for row in zip(*columns, strict=False)]
 
 
-def _landmarks(entry: Any) -> list[Any] | None:
-    found = (
-        next((entry[k] for k in _MEDIAPIPE if k in entry), None)
-        if isinstance(entry, Mapping)
-        else None
-    )
+def _landmarks(entry: Mapping[str, Any]) -> list[Any] | None:
+    found = next((entry[k] for k in _MEDIAPIPE if k in entry), None)
     return found if isinstance(found, list) else None
 
 
-def _mediapipe(frames: list[tuple[int, Any]], where: str) -> ImportedJoints:
+def _mediapipe(frames: list[tuple[int, Mapping[str, Any]]], where: str) -> ImportedJoints:
     hands: dict[str, dict[int, Hand]] = {}
+    notes = ()
     for frame, entry in frames:
         labels = _labels(entry)
         for i, points in enumerate(_lists(_landmarks(entry) or [], len(JOINTS))):
@@ -142,7 +136,6 @@ def _mediapipe(frames: list[tuple[int, Any]], where: str) -> ImportedJoints:
             hands.setdefault(said, {}).setdefault(frame, hand)
     if len(hands) == 1:  # what MediaPipe says of a single hand is not needed
         hands = {"": next(iter(hands.values()))}
-        notes = ()
     else:
         hands = {_MIRRORED.get(side, side): found for side, found in hands.items()}
         notes = (
@@ -156,12 +149,10 @@ def _mediapipe(frames: list[tuple[int, Any]], where: str) -> ImportedJoints:
     return ImportedJoints("MediaPipe's JSON", hands, "mediapipe21", (), notes, bodies)
 
 
-def _pose(entry: Any) -> list[Any]:
+def _pose(entry: Mapping[str, Any]) -> list[Any]:
     """Return the people of a frame, each a list of MediaPipe's 33 points."""
-    if not isinstance(entry, Mapping):
-        return []
     found = next((entry[k] for k in (*_POSE, *_MEDIAPIPE) if isinstance(entry.get(k), list)), [])
-    if any(k in entry for k in _POSE) and isinstance(entry.get(_POSE[0]), Mapping):
+    if isinstance(entry.get(_POSE[0]), Mapping):
         found = [entry[_POSE[0]]]
     return [
         one
@@ -194,19 +185,16 @@ def _labels(entry: Mapping[str, Any]) -> list[str]:
 # ---- COCO-WholeBody
 
 
-def _people(entry: Any) -> list[Any]:
-    if isinstance(entry, list):
-        return [person for person in entry if isinstance(person, Mapping) and "keypoints" in person]
-    if not isinstance(entry, Mapping):
-        return []
+def _people(entry: Mapping[str, Any]) -> list[Any]:
     if "keypoints" in entry or "righthand_kpts" in entry or "lefthand_kpts" in entry:
         return [entry]
     inner = entry.get("instances", entry.get("people", entry.get("predictions")))
-    return _people(inner) if isinstance(inner, list) else []
+    people = inner if isinstance(inner, list) else ()
+    return [person for person in people if isinstance(person, Mapping) and "keypoints" in person]
 
 
 def _whole_body(
-    people: list[tuple[int, Any]], frames: list[tuple[int, Any]], where: str
+    people: list[tuple[int, Any]], frames: list[tuple[int, Mapping[str, Any]]], where: str
 ) -> ImportedJoints:
     best: dict[str, dict[int, Hand]] = {}
     everybody: dict[int, list[BodyPoints]] = {}
@@ -220,22 +208,17 @@ def _whole_body(
             if sure > 0 and (frame not in known or sure > known[frame][:, 2].sum()):
                 known[frame] = hand
     numbers = sorted({frame for frame, _ in frames})
-    is_from_one = numbers == list(range(1, len(numbers) + 1)) and any(
-        isinstance(entry, Mapping) and "frame_id" in entry for _, entry in frames
-    )
+    is_numbered = any("frame_id" in entry for _, entry in frames)
     notes = ()
-    if is_from_one:  # as MMPose's demos count
+    if is_numbered and numbers == list(range(1, len(numbers) + 1)):  # as MMPose's demos count
         best = {
             side: {frame - 1: hand for frame, hand in found.items()} for side, found in best.items()
         }
         everybody = {frame - 1: found for frame, found in everybody.items()}
         notes = (f"{where}: frames are counted from 1 there, here from 0.",)
     bodies = checked_bodies(everybody, where)
-    family = (
-        "COCO-WholeBody as RTMPose writes it"
-        if bodies is None or bodies.count == _WHOLE
-        else "COCO's JSON"
-    )
+    whole = bodies is None or bodies.count == _WHOLE
+    family = "COCO-WholeBody as RTMPose writes it" if whole else "COCO's JSON"
     return ImportedJoints(family, best, notes=notes, bodies=bodies)
 
 
@@ -270,18 +253,13 @@ def _points(values: Any, scores: Any, where: str) -> tuple[Floats, Floats]:
             scores = [point.get("score", 1.0) for point in values] if scores is None else scores
             values = [[place["x"], place["y"]] for place in places]
         array = np.array(values, dtype=float)
-        array = (
-            array.reshape(-1, 3 if scores is None else 2)
-            if array.ndim == 1
-            else array.reshape(len(array), -1)
-        )
+        if array.ndim == 1:
+            array = array.reshape(-1, 3 if scores is None else 2)
+        array = array.reshape(len(array), -1)
         if scores is None:
             scores = array[:, 2] if array.shape[1:] == (3,) else 1.0
-        sure = (
-            np.full(len(array), scores)
-            if isinstance(scores, float)
-            else np.array(scores, float).ravel()
-        )
+        one = isinstance(scores, float)
+        sure = np.full(len(array), scores) if one else np.array(scores, float).ravel()
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError):
         raise HandtrackError(f"{where}: points that are no numbers x, y, confidence.") from None
     if array.shape[1] < 2 or len(sure) != len(array):
@@ -315,5 +293,5 @@ def read_openpose_files(files: Mapping[int, Path]) -> ImportedJoints:
                 continue
             if points is not None:
                 found[frame] = points
-    where = str(next(iter(files.values())).parent)
+    where = str(files[first].parent)
     return ImportedJoints("OpenPose's JSON", hands, bodies=checked_bodies(people, where))

@@ -7,7 +7,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import cv2
 
@@ -26,10 +25,17 @@ def open_device(
     size: width, height [px] to ask a device for. rate: how many times faster than its pace a file is played. fps: images
     a second to ask a device for. Raises HandtrackError.
     """
-    if Path(device).is_file():
-        return PlayedFile(_opened(cv2.VideoCapture(device), device, where), rate)
-    capture = cv2.VideoCapture(int(device)) if device.isdecimal() else cv2.VideoCapture(device)
-    capture = _opened(capture, device, where)
+    is_file = Path(device).is_file()
+    is_index = device.isdecimal() and not is_file
+    capture = cv2.VideoCapture(int(device)) if is_index else cv2.VideoCapture(device)
+    if not capture.isOpened():
+        raise HandtrackError(
+            f"{where}: '{device}' cannot be opened as a camera; expected the number of a camera that is plugged in (0 is "
+            "the first), its path or address, or a video file. Is it in use by another program, or may you not read it? "
+            "Name another one with --camera NAME=DEVICE."
+        )
+    if is_file:
+        return PlayedFile(capture, rate)
     capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
     capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
     if fps is not None:
@@ -77,16 +83,6 @@ class PlayedFile(Device):
 
     def release(self) -> None:
         self._released.set()
-
-
-def _opened(capture: cv2.VideoCapture, device: str, where: str) -> cv2.VideoCapture:
-    if not capture.isOpened():
-        raise HandtrackError(
-            f"{where}: '{device}' cannot be opened as a camera; expected the number of a camera that is plugged in (0 is "
-            "the first), its path or address, or a video file. Is it in use by another program, or may you not read it? "
-            "Name another one with --camera NAME=DEVICE."
-        )
-    return capture
 
 
 _PATIENCE = 3  # reads in a row without an image: then the camera is gone
@@ -179,7 +175,6 @@ class LiveCamera:
             changed.notify_all()
 
 
-_T = TypeVar("_T")
 _KEPT_IMAGES = 40  # frames whose images stay in memory: a search may have the last 32 solved anew
 _KEPT_TIMES = 600  # frames that count as known
 _STALLED_S = 1.0  # without any image; then a frame without images lets who tracks go on
@@ -320,18 +315,13 @@ class LiveFeed:
                 count["dropped"] += passed
                 count["used"] += camera.name in images
                 count["missing"] += camera.name not in images and not camera.gone
-        _keep(self._frames, made.number, made, _KEPT_IMAGES)
-        _keep(self._times, made.number, made.time_s, _KEPT_TIMES)
+        self._frames[made.number], self._times[made.number] = made, made.time_s
+        self._frames.pop(made.number - _KEPT_IMAGES, None)
+        self._times.pop(made.number - _KEPT_TIMES, None)
         self._made += 1
         if self.on_frame is not None:
             self.on_frame(made)
         return made
-
-
-def _keep(kept: dict[int, _T], number: int, value: _T, most: int) -> None:
-    kept[number] = value
-    while len(kept) > most:
-        del kept[next(iter(kept))]
 
 
 class LiveImages:

@@ -8,7 +8,7 @@ import pytest
 
 from handtrack import HandtrackError
 from handtrack.arrays import D3, D21, F, Floats
-from handtrack.capture.images.openpose import LAYOUTS, read_openpose, write_hand, written_by
+from handtrack.capture.images.openpose import LAYOUTS, read_openpose, write_points, written_by
 from handtrack.capture.joints.given_joints import in_pixels, write_joints
 from handtrack.capture.joints.joint_names import JOINTS, known_joint
 from handtrack.capture.joints.read_joints import read_joints
@@ -134,7 +134,7 @@ def test_a_hand_that_was_written_is_read_by_its_side_and_as_a_detectors(tmp_path
     points = np.column_stack([np.arange(21.0), 2.5 * np.arange(21), np.full(21, 0.75)])
     points[4] = (7.0, 8.0, 0.0)  # not seen
     file = tmp_path / "000003.json"
-    write_hand(file, points, side, "a test")
+    write_points(file, points, LAYOUTS[f"hand_{side}"], "a test")
     points[4] = (np.nan, np.nan, 0.0)
     for layout in (HAND, LAYOUTS[f"hand_{side}"]):
         assert np.array_equal(read_openpose(file, layout), points, equal_nan=True)
