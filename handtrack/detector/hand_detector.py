@@ -23,11 +23,6 @@ BACKENDS = ("opencv", "litert")
 _LITERT = "ai_edge_litert"
 
 
-def usual_backend() -> str:
-    """Return the quicker one where it is installed."""
-    return "litert" if find_spec(_LITERT) else "opencv"
-
-
 def open_network(data: bytes, backend: str, where: str) -> Network:
     """Return a network, to be used by one thread at a time. Raises HandtrackError naming `where` it came from."""
     if backend not in BACKENDS:
@@ -112,11 +107,6 @@ class Region:
             image, to_source, (size, size), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         )
         return cv2.cvtColor(crop, cv2.COLOR_BGR2RGB).astype(np.float32) / np.float32(255.0)
-
-
-def whole_image(width: int, height: int) -> Region:
-    """Return the smallest square that holds an image, in its middle."""
-    return Region(np.array([width - 1.0, height - 1.0]) / 2, float(max(width, height)), 0.0)
 
 
 def region_of_palm(box: Floats[D4], points: Floats[D7, D2]) -> Region:
@@ -231,7 +221,7 @@ class HandDetector:
 
     def __init__(self, weights: Weights, backend: str | None = None) -> None:
         """backend: opencv or litert; the quicker one that is there, unless given. Raises HandtrackError."""
-        self.backend = backend or usual_backend()
+        self.backend = backend or ("litert" if find_spec(_LITERT) else "opencv")
         self.weights = weights
         where = str(weights.path)
         self._palm = open_network(weights.palm, self.backend, where)
@@ -244,7 +234,8 @@ class HandDetector:
 
     def find(self, image: Array[H, W, D3], most: int) -> list[Region]:
         """Return where up to `most` hands may be, the surest first. image: uint8 BGR."""
-        square = whole_image(image.shape[1], image.shape[0])
+        height, width = image.shape[:2]
+        square = Region(np.array([width - 1.0, height - 1.0]) / 2, float(max(width, height)), 0.0)
         try:
             out = self._palm(square.crop(image, PALM_SIZE))
             numbers, logits = out["Identity"].reshape(-1, 18), out["Identity_1"].reshape(-1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from handtrack.arrays import D2, D3, Floats, K
@@ -53,17 +54,14 @@ def our_hands(seen: Mapping[str, list[HandObservation]]) -> dict[str, HandObserv
 
 
 def _nearest(hand: HandObservation, others: list[HandObservation]) -> HandObservation | None:
-    misses = [epipolar_miss(hand, other) for other in others]
-    nearest = int(np.argmin(misses)) if misses else -1
-    return others[nearest] if misses and misses[nearest] < _AGREE else None
+    misses = [(epipolar_miss(hand, other), i) for i, other in enumerate(others)]
+    miss, nearest = min(misses, default=(np.inf, -1))
+    return others[nearest] if miss < _AGREE else None
 
 
 def epipolar_miss(one: HandObservation, other: HandObservation) -> float:
     """Return by how much of their squares two views' hands miss one another's epipolar lines, in the median of the points."""
-    a, b = (
-        one.camera.undistort_points(one.hand.points),
-        other.camera.undistort_points(other.hand.points),
-    )
+    a, b = (seen.camera.undistort_points(seen.hand.points) for seen in (one, other))
     there = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     if not there.any():
         return float("inf")
@@ -77,9 +75,8 @@ def _to_lines(
     points: Floats[K, D2], theirs: Floats[K, D2], fundamental: Floats[D3, D3]
 ) -> Floats[K]:
     """Return distances [px] of points from the lines that points of the other image lie on."""
-    lines = np.column_stack([theirs, np.ones(len(theirs))]) @ fundamental.T
-    away = np.abs((np.column_stack([points, np.ones(len(points))]) * lines).sum(axis=1))
-    return away / np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12)
+    lines = cv2.computeCorrespondEpilines(theirs, 1, fundamental)[:, 0]
+    return np.abs((points * lines[:, :2]).sum(axis=1) + lines[:, 2])
 
 
 def _fundamental(a: Camera, b: Camera) -> Floats[D3, D3]:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
+from handtrack.files.text_files import check_file
 from handtrack.files.user_folder import user_data_folder
 
 VARIABLE = "HANDTRACK_DETECTOR"
@@ -98,8 +99,8 @@ def has_weights() -> bool:
 
 
 def read_weights(path: Path) -> Weights:
-    """Return the networks of a .task file or a wheel, headers and sizes checked before anything is unpacked. Raises HandtrackError."""
-    _check_header(path)
+    """Return the networks of a .task file or a wheel, size and headers checked before anything is unpacked. Raises HandtrackError."""
+    check_file(path, "the detector's weights", _MOST_BYTES)
     try:
         with zipfile.ZipFile(path) as archive:
             return Weights(path, *(_network(archive, names, path) for names in (_PALM, _LANDMARKS)))
@@ -189,20 +190,6 @@ def _pip() -> list[str]:
         "the detector's networks cannot be fetched: there is no pip here. Install pip, or give the file: `handtrack detector "
         "install FILE`."
     )
-
-
-def _check_header(path: Path) -> None:
-    try:
-        size = path.stat().st_size
-        if not path.is_file():
-            raise _no_weights(path, "it is no file")
-        if size > _MOST_BYTES:
-            raise _no_weights(path, f"it has {size / 1e6:.0f} MB")
-        is_zip = zipfile.is_zipfile(path)  # by its end: Google's begins with two bytes of padding
-    except OSError as error:
-        raise HandtrackError(f"{path}: the weights cannot be read: {error.strerror}.") from None
-    if not is_zip:
-        raise _no_weights(path, "it is no zip")
 
 
 def _network(archive: zipfile.ZipFile, names: tuple[str, ...], path: Path) -> bytes:

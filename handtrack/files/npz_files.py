@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from pathlib import Path
 from typing import IO
@@ -56,10 +57,7 @@ def _check_total(archive: zipfile.ZipFile, path: Path) -> None:
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> Array:
     with archive.open(entry) as file:
         shape, dtype = _announced(file)
-        count = 1
-        for length in shape:
-            count *= length
-        size = count * dtype.itemsize
+        size = math.prod(shape) * dtype.itemsize
         name = entry.filename.removesuffix(_ENDING)
         if size > _MOST_BYTES:
             raise HandtrackError(
@@ -81,10 +79,6 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> Arra
 
 def _announced(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:
     version = np.lib.format.read_magic(file)
-    read = (
-        np.lib.format.read_array_header_1_0
-        if version == (1, 0)
-        else np.lib.format.read_array_header_2_0
-    )
-    shape, _, dtype = read(file)
+    first, second = np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0
+    shape, _, dtype = first(file) if version == (1, 0) else second(file)
     return shape, dtype

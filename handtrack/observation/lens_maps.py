@@ -34,13 +34,9 @@ class LensMaps(NamedTuple):
         return cv2.remap(pixels, self.source, None, cv2.INTER_LINEAR, borderMode=border)  # type: ignore[call-overload]
 
 
-def lens_maps(camera: Camera, roi: Roi | None = None) -> LensMaps:
-    """Return a camera's maps. The camera without distortion is the same object each time, so that it can be a key."""
-    return _lens_maps(camera, roi)  # with or without a second argument it is one entry of the cache
-
-
 @lru_cache(maxsize=32)
-def _lens_maps(camera: Camera, roi: Roi | None) -> LensMaps:
+def lens_maps(camera: Camera, roi: Roi | None) -> LensMaps:
+    """Return a camera's maps. The camera without distortion is the same object each time, so that it can be a key."""
     width, height = camera.size
     straight = camera.without_distortion() if camera.is_distorted else camera
     pixels = pixel_grid(camera.size)

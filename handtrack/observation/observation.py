@@ -121,7 +121,7 @@ class Silhouette:
         object.__setattr__(self, "mask", mask)
         if len(self.valid) and not self.camera.is_distorted:
             return
-        maps, unknown = lens_maps(self.camera), mask == UNKNOWN
+        maps, unknown = lens_maps(self.camera, None), mask == UNKNOWN
         mask = maps.straightened(np.maximum(mask, np.float32(0.0)))
         if unknown.any():
             mask[maps.straightened(unknown.astype(np.float32)) > 0] = UNKNOWN
@@ -341,5 +341,5 @@ def undistort_image(camera: Camera, pixels: Array[H, W, *Axes]) -> ImageView:
     """Return an image (H, W, 3) uint8 BGR as the camera without distortion would have taken it."""
     width, height = camera.size
     check_shape(pixels, (height, width, 3), f"image of camera '{camera.name}'")
-    maps = lens_maps(camera)
+    maps = lens_maps(camera, None)
     return ImageView(maps.camera, maps.straightened(pixels))

@@ -43,16 +43,16 @@ def test_what_is_no_such_file_is_refused(tmp_path):
     damaged.write_bytes(bytes(data))
     other = task(tmp_path / "other.task", content=b"something else")
     for path, expected in (
-        (cut, "it is no zip"),
+        (cut, "not a zip file"),
         (damaged, "it cannot be unpacked"),
         (other, "no network in TFLite's form"),
         (task(tmp_path / "half.task", NAMES[:1]), f"there is no {NAMES[1]} in it"),
-        (tmp_path, "it is no file"),
+        (tmp_path, "is a folder"),
     ):
         with pytest.raises(HandtrackError, match=expected) as error:
             read_weights(path)
         assert "\n" not in str(error.value)
-    with pytest.raises(HandtrackError, match="cannot be read: No such file"):
+    with pytest.raises(HandtrackError, match="no such file"):
         read_weights(tmp_path / "nothing.task")
 
 
@@ -63,7 +63,7 @@ def test_networks_that_would_fill_the_memory_are_not_unpacked(tmp_path, monkeypa
     with pytest.raises(HandtrackError, match="would take"):
         read_weights(path)
     monkeypatch.setattr(module, "_MOST_BYTES", 100)
-    with pytest.raises(HandtrackError, match="it has 0 MB"):
+    with pytest.raises(HandtrackError, match="has 0 MB"):
         read_weights(path)
 
 

@@ -74,20 +74,15 @@ def read_pose2sim(folder: Path, calibration: Path | None) -> Pose2SimProject:
         trials = sorted(
             str(p.relative_to(folder)) for p in folder.glob("**/") if p != folder and is_pose2sim(p)
         )[:8]
-        more = (
-            f" It holds trials: name one of them, such as --project {folder / trials[0]} ({', '.join(trials)})."
-            if trials
-            else ""
-        )
-        raise HandtrackError(
-            f"--project {folder}: no 2D joints; expected a folder `pose` with a folder of JSON files a camera, such as "
-            f"pose/cam01_json.{more}"
-        )
+        text = f"--project {folder}: no 2D joints; expected a folder `pose` with a folder of JSON files a camera, such as pose/cam01_json."
+        if trials:
+            text += f" It holds trials: name one of them, such as --project {folder / trials[0]} ({', '.join(trials)})."
+        raise HandtrackError(text)
     config = _config(folder)
     notes: list[str] = []
     found = _calibration(folder, notes) if calibration is None else calibration
     given = read_calibration([found])
-    renamed = _by_order(given, list(joints), found, notes)
+    own = _by_order(given, list(joints), found, notes)
     lags = _lags(folder, joints, notes)
     videos, images = _recordings(folder, joints, notes)
     rate = config.get("project", {}).get("frame_rate")
@@ -96,7 +91,6 @@ def read_pose2sim(folder: Path, calibration: Path | None) -> Pose2SimProject:
         notes.append(
             f"{excluded.name} is not used: who is who is told from {pose.name if pose else 'pose'} (--person)."
         )
-    own = {camera: renamed.get(camera, camera) for camera in joints}
     return Pose2SimProject(
         found,
         {own[camera]: path for camera, path in videos.items()},
@@ -127,9 +121,8 @@ def _config(folder: Path) -> dict[str, dict[str, object]]:
     tables: dict[str, dict[str, object]] = {}
     for level in reversed([folder.resolve(), *folder.resolve().parents][:_LEVELS]):
         path = level / "Config.toml"
-        for name, table in (
-            read_toml(path, "a project's settings") if path.is_file() else {}
-        ).items():
+        read = read_toml(path, "a project's settings") if path.is_file() else {}
+        for name, table in read.items():
             if isinstance(table, dict):
                 tables.setdefault(name, {}).update(table)
     return tables
@@ -140,11 +133,7 @@ def _calibration(folder: Path, notes: list[str]) -> Path:
     for level in [folder, *folder.resolve().parents][:_LEVELS]:
         places = [p for p in sorted(level.iterdir()) if p.is_dir() and "calib" in p.name.lower()]
         for place in (*places, level):
-            files = [
-                p
-                for p in sorted(place.iterdir())
-                if p.is_file() and p.suffix.lower() in _CALIBRATIONS
-            ]
+            files = [p for p in sorted(place.iterdir()) if p.is_file()]
             known = [p for p in files if p.name != "Config.toml" and _is_calibration(p)]
             known.sort(key=lambda p: p.suffix.lower() != ".toml")
             if len(known) > 1 and known[1].suffix.lower() == ".toml":
@@ -153,12 +142,9 @@ def _calibration(folder: Path, notes: list[str]) -> Path:
                     "--calibration."
                 )
             if known:
-                others = (
-                    f"; {', '.join(p.name for p in known[1:])} beside it is not"
-                    if known[1:]
-                    else ""
-                )
-                notes.append(f"the calibration is {known[0]}{others}.")
+                others = ", ".join(p.name for p in known[1:])
+                beside = f"; {others} beside it is not" if others else ""
+                notes.append(f"the calibration is {known[0]}{beside}.")
                 return known[0]
     raise HandtrackError(
         f"--project {folder}: no calibration in it, in a folder `calibration` there, or in the two levels above. Give its file with "
@@ -168,7 +154,7 @@ def _calibration(folder: Path, notes: list[str]) -> Path:
 
 def _is_calibration(path: Path) -> bool:
     try:
-        return len(read_calibration([path]).cameras) > 0
+        return path.suffix.lower() in _CALIBRATIONS and bool(read_calibration([path]).cameras)
     except HandtrackError:
         return False
 
@@ -179,7 +165,7 @@ def _by_order(
     """Return the calibration's names of cameras whose names are others, in order, as Pose2Sim takes them."""
     names = [camera.name for camera in named(given, cameras, str(where))[0].cameras]
     if set(cameras) <= set(names):
-        return {}
+        return dict(zip(cameras, cameras))
     if len(names) != len(cameras) or None in names:
         raise HandtrackError(
             f"{where}: cameras {', '.join(map(str, names))}, but joints of {', '.join(cameras)}; expected the same names, or as many."
@@ -242,10 +228,9 @@ def _lags(folder: Path, joints: Mapping[str, Path], notes: list[str]) -> dict[st
 def _shift(before: Path, after: Path) -> int | None:
     """Return how much later, in frames, files stand in `before` than in `after`; None where they are not the same."""
     first, second = (files_by_frame(folder.glob("*.json")) for folder in (before, after))
-    content = {frame: path.read_bytes() for frame, path in first.items()}
     by_content: dict[bytes, list[int]] = {}
-    for frame, data in content.items():
-        by_content.setdefault(data, []).append(frame)
+    for frame, path in first.items():
+        by_content.setdefault(path.read_bytes(), []).append(frame)
     for frame, path in second.items():
         same = by_content.get(path.read_bytes(), [])
         if len(same) == 1:  # others are of frames in which nobody is

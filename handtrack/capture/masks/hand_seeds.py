@@ -80,11 +80,14 @@ def seeds_of_joints(joints: Mapping[str, Floats[D2]], size: tuple[int, int]) -> 
     (x, y), (width, height) = box
     bones, palm_drawn = np.zeros((2, height, width), np.uint8)
     shift = np.array([x, y])
-    for finger, names in FINGERS.items():
-        chain = [points.get(f"{finger}_{name}") for name in names]
-        for a, b in itertools.pairwise(chain):
-            if a is not None and b is not None:
-                cv2.line(bones, _whole(a - shift), _whole(b - shift), 255)
+    chains = [[f"{finger}_{name}" for name in names] for finger, names in FINGERS.items()]
+    links = [
+        np.rint(np.array([points[a], points[b]]) - shift).astype(np.int32)
+        for chain in chains
+        for a, b in itertools.pairwise(chain)
+        if a in points and b in points
+    ]
+    cv2.polylines(bones, links, False, 255)
     flat = np.array([points[name] for name in _PALM if name in points]) - shift
     cv2.fillPoly(palm_drawn, [cv2.convexHull(np.rint(flat).astype(np.int32))], 255)
     of_palm, of_bones = _inside(palm_drawn) / px_per_m, _inside(bones) / px_per_m
@@ -159,7 +162,3 @@ def _box(
         return None
     wide = high - low
     return (int(low[0]), int(low[1])), (int(wide[0]), int(wide[1]))
-
-
-def _whole(point: Array) -> tuple[int, int]:
-    return int(np.rint(point[0])), int(np.rint(point[1]))

@@ -43,10 +43,7 @@ def painted(layer: Bytes[H, W], points: Floats[N, D2], radius_px: float, level: 
 
 def corrected(layer: Bytes[H, W], mask: Bytes[H, W] | None, unknown: int) -> Bytes[H, W]:
     """Return a mask corrected by a layer; without a mask nobody knows anything else. unknown: the result's value for that."""
-    if mask is None:
-        result = np.full_like(layer, unknown)
-    else:
-        result = mask.copy()
+    result = np.full_like(layer, unknown) if mask is None else mask.copy()
     for level, value in ((HAND, 255), (BACKGROUND, 0), (UNKNOWN_LEVEL, unknown)):
         result[layer == level] = value
     return result
@@ -68,34 +65,20 @@ def carried(layer: Bytes[H, W], image: Bytes[H, W, D3], other: Bytes[H, W, D3]) 
     back = flow.calc(there, here, None)  # type: ignore[call-overload]
     forth = flow.calc(here, there, None)  # type: ignore[call-overload]
     at = pixel_grid(size).astype(np.float32) + back
-    led = cv2.remap(
-        forth, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    found = cv2.remap(
-        here, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    led, found = (
+        cv2.remap(picture, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        for picture in (forth, here)
     )
     changed = cv2.blur(cv2.absdiff(found, there), (3, 3)) > _CHANGED
     away = np.linalg.norm(back + led, axis=-1)
     length = np.linalg.norm(back, axis=-1) + np.linalg.norm(led, axis=-1)
     astray = away > _ASTRAY_PX + _ASTRAY_SHARE * length
     outside = (at < -0.5).any(axis=-1) | (at > np.array(size) - 0.5).any(axis=-1)
-    lost = (
-        cv2.resize(
-            (astray | changed | outside).astype(np.uint8),
-            (width, height),
-            interpolation=cv2.INTER_NEAREST,
-        )
-        > 0
-    )
+    lost = (astray | changed | outside).astype(np.uint8)
+    lost = cv2.resize(lost, (width, height), interpolation=cv2.INTER_NEAREST) > 0
     step = cv2.resize(back, (width, height), interpolation=cv2.INTER_LINEAR)
     step = step * np.array([width / size[0], height / size[1]], np.float32)
     source = pixel_grid((width, height)).astype(np.float32) + step
-    moved = cv2.remap(
-        layer,
-        source[..., 0],
-        source[..., 1],
-        cv2.INTER_NEAREST,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=AS_IT_IS,
-    )
+    border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": AS_IT_IS}
+    moved = cv2.remap(layer, source, None, cv2.INTER_NEAREST, **border)  # type: ignore[call-overload]
     return np.where(lost & (moved != AS_IT_IS), UNKNOWN_LEVEL, moved).astype(np.uint8)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import cv2
 import numpy as np
+from scipy.ndimage import convolve1d
 
 from handtrack.arrays import D3, Array, Axes, Bytes, Floats, H, N, W, evenly_spread
 from handtrack.capture.images.frames import FrameSource
@@ -91,8 +92,9 @@ class SeededMasks:
         self._grey = bool(spread < _COLOURED)
         self._empty = _background(looks)
         self._by_change = self._other_log = self._hand_log = np.zeros(_BINS)
-        for taught in range(_ROUNDS):
-            self._teach(looks, taught > 0)
+        self._teach(looks, lambda part: part.prior)
+        for _ in range(_ROUNDS - 1):
+            self._teach(looks, self._log_odds)
 
     def mask(self, image: Bytes[H, W, D3], seeds: HandSeeds) -> Bytes[H, W]:
         """Return a mask uint8 of an image BGR: 255 hand, 0 background, UNKNOWN_LEVEL where neither is sure."""
@@ -110,10 +112,8 @@ class SeededMasks:
         mask[seeds.behind(mask.shape)] = UNKNOWN_LEVEL
         return mask if self._roi is None else inside_roi(mask, self._roi)
 
-    def _log_odds(self, part: _Part, taught: bool = True) -> Floats:
+    def _log_odds(self, part: _Part) -> Floats:
         """Return log-odds of hand in a part, coarse."""
-        if not taught:
-            return part.prior
         told = self._told(part, self._hand_log, self._other_log)
         likely = 1 / (1 + np.exp(-(told + part.prior)))
         outside = part.before & ~part.core
@@ -135,11 +135,11 @@ class SeededMasks:
             odds = _TOLD_TWICE * (odds + change)
         return odds.astype(np.float32)
 
-    def _teach(self, looks: list[_Look], taught: bool) -> None:
+    def _teach(self, looks: list[_Look], log_odds: Callable[[_Part], Floats]) -> None:
         hand, other, moved, stayed = np.zeros((4, _BINS))
         for image, seeds in looks:
             part = _Part(image, seeds, self._grey, self._empty)
-            likely = 1 / (1 + np.exp(-self._log_odds(part, taught)))
+            likely = 1 / (1 + np.exp(-log_odds(part)))
             for share, colours, changes in (
                 (likely * (part.before | part.core), hand, moved),
                 ((1 - likely) * part.before, other, stayed),
@@ -181,10 +181,10 @@ class _Part:
         shares = likely.ravel(), ((1 - likely) * self.before).ravel()
         means, spreads = [], []
         for share in shares:
-            mean = share @ values / (share.sum() + 1e-9)
-            means.append(mean)
-            away = values - mean
-            spreads.append((share[:, None] * away).T @ away / (share.sum() + 1e-9))
+            total = share.sum() + 1e-9
+            means.append(share @ values / total)
+            away = values - means[-1]
+            spreads.append((share[:, None] * away).T @ away / total)
         spread = np.mean(spreads, axis=0) + _ROUNDING * np.eye(3)
         way = np.linalg.solve(spread, means[0] - means[1])
         way /= np.sqrt(way @ spread @ way) + 1e-9
@@ -285,15 +285,15 @@ def log_likelihood(counts: Floats[N]) -> Floats[N]:
     """Return log p of each bin; of all alike where nothing was counted."""
     cube = counts.reshape((_LEVELS,) * 3)
     for axis in range(3):
-        cube = _widened(cube, axis)
+        cube = convolve1d(cube, _SPREAD, axis, mode="nearest")
     total = float(cube.sum())
     share = cube.ravel() / total if total > 0 else np.full(_BINS, 1.0 / _BINS)
     return np.log((1 - _STRANGE) * share + _STRANGE / _BINS)
 
 
-def mixed(*parts: Floats[N]) -> Floats[N]:
+def mixed(first: Floats[N], second: Floats[N]) -> Floats[N]:
     """Return the log likelihood of a mixture of equal parts."""
-    return np.logaddexp.reduce(parts, axis=0) - np.log(len(parts))
+    return np.logaddexp(first, second) - np.log(2)
 
 
 def bins_of(channels: Array[H, W, D3]) -> Array[H, W]:
@@ -315,10 +315,3 @@ def smoothed(values: Floats[H, W], guide: Floats[H, W], radius: int) -> Floats[H
     mean_g, mean_v = mean(guide), mean(values)
     slope = (mean(guide * values) - mean_g * mean_v) / (mean(guide * guide) - mean_g**2 + 1.0)
     return mean(slope) * guide + mean(mean_v - slope * mean_g)
-
-
-def _widened(cube: Array, axis: int) -> Array:
-    moved = np.moveaxis(cube, axis, 0)
-    padded = np.concatenate([moved[:1], moved, moved[-1:]])
-    low, middle, high = _SPREAD
-    return np.moveaxis(low * padded[:-2] + middle * padded[1:-1] + high * padded[2:], 0, axis)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import cv2
 import numpy as np
@@ -250,11 +250,8 @@ def segmenter(
     return segment
 
 
-MaskMethod = SkinYCrCb | SkinAdaptive | BackgroundMedian | BackgroundMog2 | DepthRange | Seeded
-METHODS: dict[str, type[MaskMethod]] = {
-    kind.name: kind
-    for kind in (SkinYCrCb, SkinAdaptive, BackgroundMog2, BackgroundMedian, DepthRange, Seeded)
-}
+MaskMethod = SkinYCrCb | SkinAdaptive | BackgroundMog2 | BackgroundMedian | DepthRange | Seeded
+METHODS: dict[str, type[MaskMethod]] = {kind.name: kind for kind in get_args(MaskMethod)}
 
 
 def read_mask_method(table: Any, where: str) -> MaskMethod:
