@@ -29,7 +29,7 @@ def score(
 ) -> Score:
     """Return the score of solver parameters; empty where nothing was seen."""
     bones = model.bones(params)
-    terms = frame_terms(model, settings, replace(seen, pins=()), bones, None)
+    terms = frame_terms(model, settings, replace(seen, pins=()), bones)
     if not terms.has_seen:
         return Score({}, {})
     overlap = dict[str, float]()
@@ -37,5 +37,5 @@ def score(
         shares = outline_overlap(terms.prepared, model.flesh["fine"], bones).iou.tolist()
         names = [prepared.camera.name for prepared in terms.prepared]
         overlap = dict(zip(names, shares, strict=True))
-    energy = stage_problem(model, terms, terms.stages - 1, params).costs(params)
+    energy = stage_problem(terms, params).costs(params)
     return Score(overlap, {name: float(cost) for name, cost in energy.items()})

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, N, P
+from handtrack.arrays import D3, Axes, F, Floats, N, P
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 
 PLACE, TURN, ANGLES = slice(0, 3), slice(3, 6), slice(6, None)
@@ -24,11 +24,16 @@ def changes(poses: Floats[F, P]) -> Floats[N, P]:
     return steps
 
 
-def moved(poses: Floats[F, P], step: Floats[F, P]) -> Floats[F, P]:
+def change(pose: Floats[P], other: Floats[P]) -> Floats[P]:
+    """Return what leads from a pose to another, as `changes` does."""
+    return changes(np.array([pose, other]))[0]
+
+
+def moved(poses: Floats[*Axes, P], step: Floats[*Axes, P]) -> Floats[*Axes, P]:
     """Return poses changed by a step: the root's turn by a turn in world axes, all else by adding."""
     found = poses + step
-    turned = rotation_matrix(step[:, TURN]) @ rotation_matrix(poses[:, TURN])
-    found[:, TURN] = rotation_vector(turned)
+    turned = rotation_matrix(step[..., TURN]) @ rotation_matrix(poses[..., TURN])
+    found[..., TURN] = rotation_vector(turned)
     return found
 
 

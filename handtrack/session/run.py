@@ -686,8 +686,8 @@ def _measured(run: TrackingRun, results: Sequence[FrameResult], most: int) -> fl
     ascending = sorted(results, key=lambda r: r.frame)
     for result in (ascending[i] for i in evenly_spread(len(ascending), most)):
         bones = run.model.bones(run.model.transform.solver_params(result.parameters))
-        terms = frame_terms(run.model, run.settings, run.observation_of(result), bones, None)
-        found = None if terms.cloud is None else agreement(terms.cloud, run.model, bones)
+        terms = frame_terms(run.model, run.settings, run.observation_of(result), bones)
+        found = None if terms.cloud is None else agreement(terms.cloud, bones)
         shares += [] if found is None else [found.measured]
     return float(np.nanmedian(shares)) if np.isfinite(shares).any() else 1.0
 

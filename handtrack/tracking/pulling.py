@@ -40,8 +40,8 @@ def pulled(
     so that it follows a pull at once; otherwise the joints stay where they are at `stood` (params), as far as they can.
     """
     if by_images:
-        terms = frame_terms(model, settings, seen, model.bones(params), None)
-        problem = stage_problem(model, terms, terms.stages - 1, params)
+        terms = frame_terms(model, settings, seen, model.bones(params))
+        problem = stage_problem(terms, params)
     else:
         problem = _least_change(model, settings, seen, params if stood is None else stood)
     return solve(problem, params, _AT_ONCE).params
@@ -57,10 +57,10 @@ def fitted_again(
     """Return the solver parameters to which a frame's whole schedule, wide bands first, leads from params, pins held; None where
     nothing was seen, or it was stopped. It is what tracking does in a frame, but for its searches for other poses.
     """
-    terms = frame_terms(model, settings, seen, model.bones(params), None)
+    terms = frame_terms(model, settings, seen, model.bones(params))
     if not (terms.has_seen or seen.pins):
         return None
-    summary, _, _ = descend(model, settings.solver, terms, params, should_stop)
+    summary, _ = descend(terms, params, should_stop)
     return None if summary.why == "stopped" else summary.params
 
 
@@ -73,5 +73,5 @@ def _least_change(
     sigma[6:] = _STAY_RAD
     as_it_was = GaussianPrior(model.joint_params(stood), sigma, "stay")
     silent = replace(seen, silhouettes=(), keypoints=(), cloud=None, images=())
-    parts = frame_terms(model, settings, silent, model.bones(stood), None).parts
+    parts = frame_terms(model, settings, silent, model.bones(stood)).parts
     return Problem(model, [*pin_terms(model, seen), *parts, stay], [as_it_was])

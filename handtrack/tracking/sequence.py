@@ -12,9 +12,9 @@ from handtrack.arrays import Floats, P
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.tracking.find_pose import SURE
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Observe
 from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
-from handtrack.tracking.speculative import Observe, SpeculativeExecution
+from handtrack.tracking.speculative import SpeculativeExecution
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.evidence import MOSTLY_NEW, Evidence, Recording, new_share

@@ -8,25 +8,21 @@ from __future__ import annotations
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.parallel import thread_count, workers
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Observe
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
-Observe = Callable[[int, BonePoses | None], Observation]
-"""what is seen of a frame; the hand's bones where it is expected tell which points of a cloud are the hand's,
-None where that is not known"""
 Stepped = tuple[TrackerState, FrameResult]
 
 
@@ -38,15 +34,6 @@ _CAUGHT_UP = 4
 
 
 @dataclass(eq=False)
-class _Search:
-    """A whole step with its searches, made beside."""
-
-    done: Future[Stepped]
-    dropped: threading.Event
-    reports: list[SearchReport]
-
-
-@dataclass(eq=False)
 class _Frame:
     """A frame that is solved, as long as no search finds a better pose in it or before."""
 
@@ -54,7 +41,12 @@ class _Frame:
     after: TrackerState | None = None
     result: FrameResult | None = None
     reports: list[SearchReport] = field(default_factory=list)
-    search: _Search | None = None
+    search: Future[Stepped] | None = None
+    """a whole step with its searches, made beside"""
+    searched: list[SearchReport] = field(default_factory=list)
+    """what that tells"""
+    dropped: threading.Event = field(default_factory=threading.Event)
+    """set where nobody waits for it any longer"""
     failure: Exception | None = None
     """instead of a result: told once the frames before it are settled"""
 
@@ -118,13 +110,15 @@ class SpeculativeExecution:
                 continue
             full = len(self._ahead) > self._reach
             if full and not self._control.waits:
-                self._give_up(self._ahead[0])
+                self._drop([self._ahead[0]])
+                self._ahead[0].search = None  # it stands as it is solved
                 continue
             number = None if full else self._next(numbers)
             if number is not None:
                 self._go_on(number, pool)
             elif self._ahead:
-                self._wait(self._ahead[0])
+                if (search := self._ahead[0].search) is not None:
+                    search.exception()
             else:
                 return
             if self._control.should_stop():
@@ -154,30 +148,22 @@ class SpeculativeExecution:
         if self._control.should_stop():
             return
         if due and (control.waits or not any(other.search for other in self._ahead)):
-            frame.search = self._begun(before, seen, pool)
+            self._search(frame, before, seen, pool)
         self._show(frame.result)
 
-    def _begun(self, before: TrackerState, seen: Observation, pool: ThreadPoolExecutor) -> _Search:
-        dropped, asked = threading.Event(), self._control.should_stop
-        reports: list[SearchReport] = []
+    def _search(
+        self, frame: _Frame, before: TrackerState, seen: Observation, pool: ThreadPoolExecutor
+    ) -> None:
+        asked = self._control.should_stop
         control = replace(
             self._control,
-            should_stop=lambda: dropped.is_set() or asked(),
-            on_search=reports.append,
+            should_stop=lambda: frame.dropped.is_set() or asked(),
+            on_search=frame.searched.append,
         )
-        return _Search(pool.submit(self._tracker.step, before, seen, control), dropped, reports)
+        frame.search = pool.submit(self._tracker.step, before, seen, control)
 
     def _is_known(self, frame: _Frame) -> bool:
-        return frame.search is None or frame.search.done.done()
-
-    def _give_up(self, frame: _Frame) -> None:
-        """Let a frame stand as it is solved."""
-        self._drop([frame])
-        frame.search = None
-
-    def _wait(self, frame: _Frame) -> None:
-        if frame.search is not None:
-            frame.search.done.exception()
+        return frame.search is None or frame.search.done()
 
     def _settled(self, frame: _Frame) -> Stepped | None:
         """Return a frame as it holds, None when stopped. Where it holds otherwise than it stood, those after it are due anew."""
@@ -187,8 +173,7 @@ class SpeculativeExecution:
         assert frame.result is not None
         after, result, reports = frame.after, frame.result, frame.reports
         if frame.search is not None:
-            reports = frame.search.reports
-            found = frame.search.done.result()
+            reports, found = frame.searched, frame.search.result()
             if self._control.should_stop():
                 return None
             is_better = _is_changed(frame.result, found[1])
@@ -224,8 +209,8 @@ class SpeculativeExecution:
     def _drop(frames: Iterable[_Frame]) -> None:
         for frame in frames:
             if frame.search is not None:
-                frame.search.dropped.set()
-                frame.search.done.cancel()
+                frame.dropped.set()
+                frame.search.cancel()
 
 
 def _is_changed(stood: FrameResult, found: FrameResult) -> bool:

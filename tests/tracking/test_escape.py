@@ -29,7 +29,7 @@ class Scene:
     def __init__(self, truth, start):
         seen = mask_views(MODEL, truth, CAMERAS)
         self.terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(start), None)
-        self.params = descend(MODEL, SETTINGS.solver, self.terms, start)[0].params
+        self.params = descend(self.terms, start)[0].params
         self.objective = FingerObjective.at(self.terms, self.params, Control())
 
     def cost(self, params):
@@ -85,7 +85,6 @@ def test_a_finger_may_fold_out_of_a_depth_cameras_sight():
     seen = Observation(0, 0.0, cloud=PointCloud(points), cloud_views=(eye[None],))
     terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(OPEN), None)
     before, anew = (
-        sum(term.cost(bones) for term in t.stage(t.stages - 1, bones))
-        for t in (terms, terms.as_seen_at(bones))
+        sum(term.cost(bones) for term in t.stage(bones)) for t in (terms, terms.as_seen_at(bones))
     )
     assert anew < 0.05 * before

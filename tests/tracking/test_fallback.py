@@ -89,7 +89,7 @@ def test_what_no_line_of_sight_meets_may_be_a_hole():
     """A patch of the hand beside all lines costs log 2, however far; deeper or nearer on them it costs nothing."""
     calm, params = poor_cloud_settings(TrackerSettings()), MODEL.transform.solver_params(TRUTH[0])
     seen = see_cloud(views(FINE)[0], MODEL, MODEL.bones(params), calm)
-    _, holes = cloud_terms(seen, MODEL, 1.2)
+    _, holes = cloud_terms(seen, 1.2)
     patches = holes.weight * len(holes.bone)
     sight = TRUTH[0][:3] - views(DIGICLOPS)[0].cloud_views[0][0]
 
@@ -121,7 +121,7 @@ def agreed(missing):
     bones = MODEL.bones(POSE)
     seen = see_cloud(cloud(missing), MODEL, bones, TrackerSettings())
     assert seen is not None
-    found = agreement(seen, MODEL, bones)
+    found = agreement(seen, bones)
     return found.share
 
 

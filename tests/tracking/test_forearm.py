@@ -144,7 +144,7 @@ def test_a_forearm_that_points_elsewhere_is_found(true, began):
     truth, start = (WHOLE.transform.solver_params(posed(*wrist)) for wrist in (true, began))
     seen = mask_views(WHOLE, truth, simulated_rig(3, (320, 240)).cameras)
     terms = frame_terms(WHOLE, UNSEARCHED, seen, WHOLE.bones(start), None)
-    stuck = descend(WHOLE, UNSEARCHED.solver, terms, start)[0].params
+    stuck = descend(terms, start)[0].params
     found = with_fingers_found(terms, stuck, Control(), 0, "a test")
     wrist = [WHOLE.transform.names.index(name) for name in ("wrist_flex", "wrist_abd")]
     assert np.abs(stuck - truth)[wrist].max() > 0.5

@@ -59,7 +59,7 @@ def test_silhouettes_cost_half_the_sum_of_all_pixels_squares(fist):
     for inside in (settings("paper2007").traits.inside, -1.0):
         chosen = settings("paper2007")
         chosen = replace(chosen, traits=replace(chosen.traits, inside=inside))
-        (term,) = frame_terms(fist.model, chosen, seen, bones, None).stage(0, bones)
+        (term,) = frame_terms(fist.model, chosen, seen, bones).stage(bones, 0)
         expected = 0.5 * float(((plain.predicted + inside * plain.observed) ** 2).sum())
         assert term.cost(bones) == pytest.approx(expected, rel=1e-5)
 
@@ -77,7 +77,7 @@ def test_without_limits_a_joint_bends_where_it_never_could(fist):
         terms = frame_terms(fist.model, chosen, seen, fist.model.bones(beyond), None)
         terms = replace(terms, priors=(likely,))
         start = fist.model.transform.solver_params(fist.joint_params[0])
-        found = descend(fist.model, chosen.solver, terms, start)[0].params
+        found = descend(terms, start)[0].params
         assert found[column] == pytest.approx(ends, abs=1e-3)
 
 
@@ -104,7 +104,7 @@ def test_a_cloud_costs_what_the_papers_sums_say(ball_cloud, distance, beta):
     bones = BALL.bones(np.array([0.003, -0.004, 0.002, 0.0, 0.1, 0.0]))
     found = see_cloud(seen, BALL, bones, chosen)
     assert found.prepared.count == len(points)  # 10 cm around
-    cloud_side, model_side = cloud_terms(found, BALL, 1.2)
+    cloud_side, model_side = cloud_terms(found, 1.2)
     surface = MetaballSurface.of(BALL, 1e3 * beta, distance)
     e1 = float((merged(surface, bones, points)[0] ** 2).sum())
     assert cloud_side.cost(bones) == pytest.approx(0.5 * 0.3 * 1e6 * e1, rel=1e-6)
@@ -112,7 +112,7 @@ def test_a_cloud_costs_what_the_papers_sums_say(ball_cloud, distance, beta):
     e2 = float((cdist(vertices, points).min(axis=1) ** 2).sum())
     # far from the cloud the nearest of some near points, so within some percent
     assert model_side.cost(bones) == pytest.approx(0.5 * 0.7 * 1e6 * e2, rel=0.04)
-    assert found.sharpened(BALL, bones, 0.1) is found
+    assert found.sharpened(bones) is found
 
 
 def test_fingers_are_shifted_to_both_sides_and_the_least_energy_wins():

@@ -23,7 +23,6 @@ from handtrack.tracking.hypotheses.mixture_search import (
     FirstHypotheses,
     MixtureObjective,
     NextHypotheses,
-    coarse,
     without_memory,
 )
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
@@ -208,7 +207,7 @@ def test_joints_in_images_count_by_what_is_new_in_them_and_seen_coarsely_by_a_hu
     lasting = replace(terms.settings, traits=replace(terms.settings.traits, new_share=0.25))
     (once,) = without_memory(replace(terms, settings=lasting)).keypoints
     assert once.cost(bones) == pytest.approx(0.25 * term.cost(bones))
-    (wide,) = coarse(terms).keypoints
+    (wide,) = terms.coarser(10.0).keypoints
     assert wide.cost(bones) == pytest.approx(term.cost(bones) / 100.0)
 
 

@@ -203,7 +203,7 @@ class _Painter:
         )
         self._inside = -run.settings.traits.inside
         kinds = (CoverageTerm, ConicFieldTerm)
-        self._last = self._terms.stage(self._terms.stages - 1, bones)
+        self._last = self._terms.stage(bones)
         self._term = next((term for term in self._last if isinstance(term, kinds)), None)
 
     def pictures(self, params: Floats) -> Pictures:

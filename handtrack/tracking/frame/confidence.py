@@ -16,7 +16,6 @@ from handtrack.arrays import D3, Array, Axes, C, Floats, Ints, J, K, N, P, S, ar
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.size import SizeParameters, hand_length_mm, is_unmeasured
-from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
 from handtrack.terms.silhouettes.unexplained import unexplained_mm2
 from handtrack.tracking.frame.constants import (
@@ -145,14 +144,11 @@ def _detected(terms: FrameTerms, names: Sequence[str], bones: BonePoses) -> Arra
     """Return in which silhouettes' images each bone, and the one it hangs on, are where a detector sees all of their joints."""
     model, skeleton = terms.model, terms.model.skeleton
     detected = np.zeros((len(names), len(terms.prepared)), bool)
-    if not any(isinstance(term.observed, ImageKeypoints) for term in terms.keypoints):
-        return detected
     near = np.zeros((len(model.joint_names), len(terms.prepared)), int)  # 1 near, -1 elsewhere
-    for term in terms.keypoints:
-        if isinstance(term.observed, ImageKeypoints):
-            joint, off = terms.misses(term, bones)
-            views = [p.camera.name == term.observed.camera.name for p in terms.prepared]
-            near[np.ix_(joint, np.flatnonzero(views))] = np.where(off < NEAR_SIGMAS, 1, -1)[:, None]
+    for term, seen in terms.detected:
+        joint, off = terms.misses(term, bones)
+        views = [prepared.camera.name == seen.camera.name for prepared in terms.prepared]
+        near[np.ix_(joint, np.flatnonzero(views))] = np.where(off < NEAR_SIGMAS, 1, -1)[:, None]
     for row, bone in enumerate(map(skeleton.bone, names)):
         part = near[np.isin(model.joint_bone, [bone, skeleton.parent[bone]])]
         detected[row] = ((part > 0).sum(axis=0) >= _FEWEST_JOINTS) & (part >= 0).all(axis=0)
@@ -177,7 +173,7 @@ def assess(
     terms: FrameTerms, bones: BonePoses, energy: float, previous: Sequence[FrameResult]
 ) -> tuple[Status, Reason | None]:
     """Return a frame's status and, unless it is tracked, the reason."""
-    if not terms.views and any(isinstance(t.observed, ImageKeypoints) for t in terms.keypoints):
+    if not terms.views and terms.detected:
         return _by_keypoints(terms, bones)
     if not terms.views:
         return Status.DOUBTFUL, Reason("given keypoints")
@@ -304,9 +300,8 @@ def is_where_joints_are(terms: FrameTerms, bones: BonePoses) -> bool:
     """Return whether detectors see the joints in two cameras or more where the model has them: whatever does not fit, the hand is not
     elsewhere.
     """
-    detected = (t.observed for t in terms.keypoints if isinstance(t.observed, ImageKeypoints))
     return (
-        len({one.camera.name for one in detected}) > 1
+        len({seen.camera.name for _, seen in terms.detected}) > 1
         and _by_keypoints(terms, bones)[0] == Status.TRACKED
     )
 
@@ -314,7 +309,7 @@ def is_where_joints_are(terms: FrameTerms, bones: BonePoses) -> bool:
 def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     if terms.cloud is None:
         return Status.TRACKED, None
-    found = agreement(terms.cloud.as_seen_at(terms.model, bones), terms.model, bones)
+    found = agreement(terms.cloud.as_seen_at(bones), bones)
     reason = Reason("cloud", number=found.explained)
     # points of other things tell nothing of a hand whose surface was measured
     if np.fmax(found.explained, found.measured) < LOST_CLOUD:
@@ -590,10 +585,9 @@ def _confirmed(terms: FrameTerms, bones: BonePoses) -> Floats[K]:
     """Return of which share of each finger's joints, thumb first, detections of two cameras lie where the model has them."""
     names = terms.model.joint_names
     cameras = np.zeros(len(names))
-    for term in terms.keypoints:
-        if isinstance(term.observed, ImageKeypoints):
-            joint, off = terms.misses(term, bones)
-            np.add.at(cameras, joint, off < NEAR_SIGMAS)
+    for term, _ in terms.detected:
+        joint, off = terms.misses(term, bones)
+        np.add.at(cameras, joint, off < NEAR_SIGMAS)
     own = [[name.partition("_")[0] == finger for name in names] for finger in FINGERS]
     return np.array([(cameras[rows] > 1).mean() for rows in own])
 

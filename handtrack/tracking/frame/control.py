@@ -7,28 +7,21 @@ from dataclasses import dataclass
 from typing import Any
 
 from handtrack.arrays import Floats, P
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Observation
 
+Observe = Callable[[int, BonePoses | None], Observation]
+"""what is seen of a frame; the hand's bones where it is expected tell which points of a cloud are the hand's,
+None where that is not known"""
 Watch = Callable[[int, Floats[P], float], None]
 """called after each accepted solver step with its count, parameters and cost"""
-
-
-def _never() -> bool:
-    return False
-
-
-def _unnoted(text: str) -> None:
-    """Nobody wants it."""
-
-
-def _unheard(share: float) -> None:
-    """Nobody listens."""
 
 
 @dataclass(frozen=True)
 class Control:
     """Handed down from whoever started the work."""
 
-    should_stop: Callable[[], bool] = _never
+    should_stop: Callable[[], bool] = lambda: False
     """asked between solver steps"""
     on_iteration: Callable[[int, int, Floats[P], float], None] | None = None
     """called as Watch is, with the frame's number before"""
@@ -39,9 +32,9 @@ class Control:
     on_provisional: Callable[[Any], None] | None = None
     """called with a frame's FrameResult as soon as it is solved; a search beside may still change it, and the frames after
     it. What holds is yielded later"""
-    on_refined: Callable[[float], None] = _unheard
+    on_refined: Callable[[float], None] = lambda share: None
     """called with the share that is done, 0 to 1, while all frames are refined together"""
-    on_shared: Callable[[str], None] = _unnoted
+    on_shared: Callable[[str], None] = lambda text: None
     """called once with what all frames share, as they were refined: `whole.refinement.Refinement` as JSON"""
     waits: bool = True
     """False: a search beside that isn't done `FRAMES_AHEAD` frames later is given up, as before a live camera, whose frames do not wait;

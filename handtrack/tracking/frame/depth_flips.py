@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from handtrack.arrays import D3, Floats, J, K, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import ImageKeypoints
 from handtrack.sampling.chains import chains_of
 from handtrack.sampling.interpretation_tree import chain_flips
 from handtrack.sampling.polish import Minima
@@ -37,7 +38,7 @@ def mirrored_covariance(terms: FrameTerms, params: Floats[P]) -> Floats[J, D3, D
     flips = list(flips_of_limbs(model, params, camera).values())
     starts = np.concatenate([params[None], *flips])
     if by_joints is not None:
-        ended = minima(model, terms.settings.solver, terms.without_motion(), starts, len(starts))
+        ended = minima(terms.without_motion(), starts, len(starts))
     else:
         known = Problem(model, (), terms.without_motion().priors)
         same = np.tile(np.eye(len(params)), (len(starts), 1, 1))
@@ -73,10 +74,7 @@ def apart_m(places: Floats[J, D3]) -> float:
 
 def only_camera(terms: FrameTerms) -> Camera | None:
     """Return the camera whose joints are all that was seen; None where it is not the only one."""
-    seen = [term.observed for term in terms.keypoints]
-    cameras = {one.camera.name: one.camera for one in seen if isinstance(one, ImageKeypoints)}
-    alone = by_keypoints_alone(terms) and all(isinstance(one, ImageKeypoints) for one in seen)
-    return next(iter(cameras.values())) if alone and len(cameras) == 1 else None
+    return _only_one(terms, []) if by_keypoints_alone(terms) else None
 
 
 def _only_view(terms: FrameTerms) -> Camera | None:
@@ -86,11 +84,14 @@ def _only_view(terms: FrameTerms) -> Camera | None:
     cameras = [seen.camera for seen in terms.prepared]
     if terms.appearance is not None:
         cameras += [view.camera for view in terms.appearance.images]
-    for term in terms.keypoints:
-        if not isinstance(term.observed, ImageKeypoints):
-            return None
-        cameras.append(term.observed.camera)
-    return cameras[0] if len({camera.name for camera in cameras}) == 1 else None
+    return _only_one(terms, cameras)
+
+
+def _only_one(terms: FrameTerms, cameras: Sequence[Camera]) -> Camera | None:
+    """Return the only one of these cameras and those of joints; None where there are several, or joints in space."""
+    seen = [*cameras, *(points.camera for _, points in terms.detected)]
+    is_one = len({camera.name for camera in seen}) == 1
+    return seen[0] if is_one and len(terms.detected) == len(terms.keypoints) else None
 
 
 def flips_of_limbs(

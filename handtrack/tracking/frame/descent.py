@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, N, P, array_dataclass
-from handtrack.model.articulated import ArticulatedModel
+from handtrack.arrays import Floats, N, P
 from handtrack.observation.pins import ImagePins
 from handtrack.sampling.polish import Minima, polish
-from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
+from handtrack.solver.levenberg_marquardt import SolveSummary, solve
 from handtrack.solver.problem import Problem
-from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.control import Watch
 from handtrack.tracking.frame.frame_terms import FrameTerms
 
@@ -23,53 +21,37 @@ no more than one standard deviation, ½; the last one by a seventh of it. Of thr
 evaluations are left of those to the last digit, and the mean error is within 0.08 mm, both ways"""
 
 
-@array_dataclass
-class Descended:
-    """Where the schedule ended."""
-
-    params: Floats[P]
-    problem: Problem
-    """of the last stage"""
-    iterations: int
-    system: JointSystem
-    """the problem's at params"""
-
-
-def stage_problem(
-    model: ArticulatedModel, terms: FrameTerms, stage: int, params: Floats[P]
-) -> Problem:
-    """Return the problem of one stage of the schedule; bands are frozen at params."""
-    seen, free = terms.stage(stage, model.bones(params)), terms.settings.solver.limits == "none"
-    return Problem(model, seen, terms.priors, unlimited=free)
+def stage_problem(terms: FrameTerms, params: Floats[P], stage: int | None = None) -> Problem:
+    """Return the problem of one stage of the schedule, the last unless given; bands are frozen at params."""
+    model, free = terms.model, terms.settings.solver.limits == "none"
+    return Problem(model, terms.stage(model.bones(params), stage), terms.priors, unlimited=free)
 
 
 def descend(
-    model: ArticulatedModel,
-    settings: SolverSettings,
     terms: FrameTerms,
     params: Floats[P],
     should_stop: Callable[[], bool] | None = None,
     on_iteration: Watch | None = None,
-) -> tuple[SolveSummary, Problem, int]:
-    """Run the schedule: wide bands first, each from where the one before ended."""
-    done, left, likelihoods = 0, settings.iterations, not terms.settings.traits.plain_sums
+) -> tuple[SolveSummary, Problem]:
+    """Run the schedule: wide bands first, each from where the one before ended. Return where it ended, the iterations of all stages
+    counted, and the last stage's problem.
+    """
+    settings, likelihoods, done = terms.settings.solver, not terms.settings.traits.plain_sums, 0
     for stage in range(terms.stages):
-        share = max(left // (terms.stages - stage), 1)
-        problem = stage_problem(model, terms, stage, params)
-        offset = done
+        share = max((settings.iterations - done) // (terms.stages - stage), 1)
+        problem = stage_problem(terms, params, stage)
 
-        def watch(k: int, x: Floats, cost: float, offset: int = offset) -> None:
+        def watch(k: int, x: Floats, cost: float, before: int = done) -> None:
             if on_iteration is not None:
-                on_iteration(offset + k, x, cost)
+                on_iteration(before + k, x, cost)
 
         gain = _WIDE_GAIN if stage + 1 < terms.stages else LAST_GAIN
         stage_settings = replace(settings, iterations=share, least_gain=gain * likelihoods)
         summary = solve(problem, params, stage_settings, should_stop, watch)
-        params = summary.params
-        done, left = done + summary.iterations, left - summary.iterations
+        params, done = summary.params, done + summary.iterations
         if summary.why == "stopped":
             break
-    return summary, problem, done
+    return replace(summary, iterations=done), problem
 
 
 def by_keypoints_alone(terms: FrameTerms) -> bool:
@@ -80,10 +62,8 @@ def by_keypoints_alone(terms: FrameTerms) -> bool:
 
 
 def minima(
-    model: ArticulatedModel,
-    settings: SolverSettings,
     terms: FrameTerms,
-    starts: Sequence[Floats[N, P]] | Floats[N, P],
+    starts: Floats[N, P],
     most: int,
     should_stop: Callable[[], bool] | None = None,
     is_far: bool = False,
@@ -92,11 +72,10 @@ def minima(
 
     is_far: the starts may need many iterations, as in a first frame.
     """
-    starts = np.asarray(starts)
     if by_keypoints_alone(terms):
         seen = [t.observed for t in terms.keypoints if not isinstance(t.observed, ImagePins)]
         return polish(
-            model,
+            terms.model,
             starts,
             seen,
             terms.priors,
@@ -105,14 +84,15 @@ def minima(
             tolerance=1e-3,
         )
     if len(starts) > most:
-        costs = [stage_problem(model, terms, 0, x).cost(x) for x in starts]
+        costs = [stage_problem(terms, x, 0).cost(x) for x in starts]
         starts = starts[np.argsort(costs, kind="stable")[:most]]
-    params, cost, normal = [], [], []
+    found: list[SolveSummary] = []
     for start in starts:
-        summary, _, _ = descend(model, settings, terms, start, should_stop)
-        params.append(summary.params)
-        cost.append(summary.cost)
-        normal.append(summary.system.hessian)
-        if summary.why == "stopped":
+        found.append(descend(terms, start, should_stop)[0])
+        if found[-1].why == "stopped":
             break
-    return Minima(np.array(params), np.array(cost), np.array(normal))
+    return Minima(
+        np.array([one.params for one in found]),
+        np.array([one.cost for one in found]),
+        np.array([one.system.hessian for one in found]),
+    )

@@ -10,16 +10,17 @@ import numpy as np
 from handtrack.arrays import Floats, P, S, array_dataclass
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector, wrapped
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.pose_changes import changes
+from handtrack.model.pose_changes import change
 from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import inherited_information, uncertainty, with_lasting_errors
+from handtrack.solver.levenberg_marquardt import SolveSummary
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.descent import Descended, stage_problem
+from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, frame_terms
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -103,8 +104,8 @@ class FrameTask:
         if not self.previous or self.expected is None:
             return terms
         last = self.previous[-1]
-        ends = [self.model.transform.solver_params(x) for x in (last.parameters, self.expected)]
-        velocity = changes(np.array(ends))[0] / (self.observation.frame - last.frame)
+        ends = (self.model.transform.solver_params(x) for x in (last.parameters, self.expected))
+        velocity = change(*ends) / (self.observation.frame - last.frame)
         seen = self.observation
         return at_camera_times(terms, seen.frames_later, params, velocity, seen.cloud_later)
 
@@ -112,7 +113,7 @@ class FrameTask:
         """Return where to begin and the frame's terms there; the forearm of a first pose is aimed first."""
         params, terms = self.start, self.terms(self.start)
         if terms.has_seen and not self.previous and self.model.has_forearm:
-            params = aimed_forearm(stage_problem(self.model, terms, 0, params), params)
+            params = aimed_forearm(stage_problem(terms, params, 0), params)
             terms = self.terms(params)
         return params, terms
 
@@ -135,24 +136,25 @@ class FrameTask:
     def solved(
         self,
         terms: FrameTerms,
-        found: Descended,
+        found: SolveSummary,
+        problem: Problem,
         exact: tuple[Problem, JointSystem] | None = None,
     ) -> Solved:
         """Return the frame's result where descent ended, with its uncertainty and status.
 
         Parameters
         ----------
-        found
-            By the last stage's problem, whose cost is the energy.
+        problem
+            The last stage's, whose cost is the energy.
         exact
             The problem and its system there with the cloud taken as exactly as it lies, where that is sharper.
         """
         params, model = found.params.copy(), self.model
-        problem, known = exact or (found.problem, found.system)
-        priors = Problem(model, (), problem.parameter_terms).linearize(params)
-        sure = inheriting_uncertainty(problem, params, known.hessian, self.belief)
+        sharp, known = exact or (problem, found.system)
+        priors = Problem(model, (), sharp.parameter_terms).linearize(params)
+        sure = inheriting_uncertainty(sharp, params, known.hessian, self.belief)
         covariance, std, joints = uncertainty(model, params, sure, known.hessian - priors.hessian)
-        energies, cost = found.problem.costs(params), found.system.cost
+        energies, cost = problem.costs(params), found.system.cost
         judgement = frame_confidence(terms, params, cost, energies, joints, self.previous)
         result = replace(
             posed_result(model, self.observation, params, judgement, std),
@@ -188,14 +190,14 @@ def inheriting_uncertainty(
 
 def posed_result(
     model: ArticulatedModel,
-    observation: Observation,
+    observation: Observation | FrameResult,
     params: Floats[P],
     found: FrameConfidence,
     std: Floats[S] | None = None,
 ) -> FrameResult:
     """Return a result at solver parameters as it was judged, as long as no solver tells its cost.
 
-    std: of joint parameters. Without it, and of a lost hand, they may be anything; without a covariance joints are known to a metre.
+    observation: the frame's, or an earlier result: number and time are its. std: of joint parameters. Without it, and of a lost hand, they may be anything; without a covariance joints are known to a metre.
     """
     joint = model.joint_params(params)
     joint[3:6] = wrapped(joint[3:6])

@@ -89,13 +89,12 @@ class FrameTerms:
 
     def as_seen_at(self, bones: BonePoses) -> FrameTerms:
         """Return the same observation, asking of the model what is in view at another pose."""
-        cloud = self.cloud and self.cloud.as_seen_at(self.model, bones)
+        cloud = self.cloud and self.cloud.as_seen_at(bones)
         return replace(self, cloud=cloud)
 
     def sharpened(self, bones: BonePoses) -> FrameTerms:
         """Return the terms with a cloud taken as exactly as it lies on the surface of a solved pose; self if not nearer than usual."""
-        usual = self.settings.cloud.sigma_mm * _MM
-        cloud = self.cloud and self.cloud.sharpened(self.model, bones, usual)
+        cloud = self.cloud and self.cloud.sharpened(bones)
         return self if cloud is self.cloud else replace(self, cloud=cloud)
 
     def with_outlines(self, off_mm: Mapping[str, float]) -> FrameTerms:
@@ -108,7 +107,9 @@ class FrameTerms:
         return replace(self, outlines_off_px=tuple(found))
 
     def coarser(self, times: float) -> FrameTerms:
-        """Return the terms as if the joints that images show were known so many times as badly."""
+        """Return the terms as if the joints that images show were known so many times as badly; itself for 1."""
+        if times == 1.0:
+            return self
         points = tuple(
             replace(term, observed=replace(term.observed, sigma_px=times * term.observed.sigma_px))
             if isinstance(term.observed, ImageKeypoints)
@@ -124,11 +125,17 @@ class FrameTerms:
         return term.misses(bones if then is None else then.carried(bones))
 
     @property
+    def detected(self) -> list[tuple[KeypointTerm, ImageKeypoints]]:
+        """The terms of joints that a detector saw, each with these."""
+        pairs = [(term, term.observed) for term in self.keypoints]
+        return [(term, seen) for term, seen in pairs if isinstance(seen, ImageKeypoints)]
+
+    @property
     def stages(self) -> int:
         """How many stages the schedule has: of bands, two where nothing but joints was detected, otherwise one."""
         bands = self.settings.silhouettes
         ramps = self.prepared and bands.term == "coverage"
-        count = 2 if any(term.is_detected for term in self.keypoints) else 1
+        count = 2 if self.detected else 1
         count = len(bands.bands_mm) if ramps or self.cloud is not None else count
         return count if self.appearance is None else max(count, appearance_stages(self.settings))
 
@@ -148,9 +155,9 @@ class FrameTerms:
         """Whether anything was observed at all."""
         return bool(self.views or self.keypoints or self.pins)
 
-    def stage(self, index: int, start: BonePoses) -> list[ObservationTerm]:
-        """Return the observation terms of a stage. The ramp's widths are frozen at the pose `start`."""
-        terms = self._at_once(index, start)
+    def stage(self, start: BonePoses, index: int | None = None) -> list[ObservationTerm]:
+        """Return the observation terms of a stage, the last unless given. The ramp's widths are frozen at the pose `start`."""
+        terms = self._at_once(start, self.stages - 1 if index is None else index)
         if not self.motions:
             return terms
         by_name, found = by_camera(terms)
@@ -159,7 +166,7 @@ class FrameTerms:
             found += own if later is None else [AtOwnTime(term, later) for term in own]
         return found
 
-    def _at_once(self, index: int, start: BonePoses) -> list[ObservationTerm]:
+    def _at_once(self, start: BonePoses, index: int) -> list[ObservationTerm]:
         """Return the terms of a stage as if all cameras had seen at the frame's time."""
         settings = self.settings.silhouettes
         flesh = self.model.flesh["fine"]
@@ -167,7 +174,7 @@ class FrameTerms:
         points = (self if index >= self.stages - 1 else self.wide()).keypoints
         terms: list[ObservationTerm] = [*self.own, *self.parts, *self.pins, *points]
         if self.cloud is not None:
-            points_seen = cloud_terms(self.cloud, self.model, band_mm)
+            points_seen = cloud_terms(self.cloud, band_mm)
             then = self.cloud_motion
             terms += points_seen if then is None else [AtOwnTime(t, then) for t in points_seen]
         if self.appearance is not None:
@@ -217,7 +224,7 @@ def frame_terms(
     settings: TrackerSettings,
     observation: Observation,
     start: BonePoses,
-    expected: Floats[S] | None,
+    expected: Floats[S] | None = None,
     frames_ahead: int = 1,
     before: Before | None = None,
 ) -> FrameTerms:
@@ -304,7 +311,7 @@ def at_camera_times(
     model = terms.model
 
     def until(by: float) -> BoneMotion:
-        then = model.clipped(moved(params[None], by * velocity[None])[0])
+        then = model.clipped(moved(params, by * velocity))
         return BoneMotion.between(model.bones(params), model.bones(then))
 
     return replace(

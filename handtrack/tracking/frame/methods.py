@@ -24,12 +24,11 @@ class Traits:
     joints_begin: bool = False
     """joints seen in images are all that a first frame is fitted to, and no other frame looks at them"""
     closest_prior: bool = False
-    """hypotheses descend on what is seen alone, and count by the long-tailed bell of the last frame that is closest to where they end"""
+    """hypotheses descend on what is seen alone, and count by the long-tailed bell of the last frame that is closest to where they end;
+    those that are shown may be near each other"""
     new_share: float = 1.0
     """of what one camera's joints say of a frame to hypotheses, how much earlier frames did not say: measured, where all frames are
     known"""
-    apart_mm: float | None = None
-    """by how much hypotheses that are shown differ at least; None: as usual"""
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ METHODS: dict[str, Method] = {
                 "mixture.scale": 5.0,
                 "mixture.carried": 8,
             },
-            Traits(joints_begin=True, closest_prior=True, apart_mm=0.0),
+            Traits(joints_begin=True, closest_prior=True),
         ),
     )
 }

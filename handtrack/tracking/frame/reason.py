@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -44,36 +43,28 @@ class Reason:
     @property
     def words(self) -> str:
         """The reason in a clause, without a full stop."""
-        return KINDS[self.kind](self)
+        return self._told(KINDS[self.kind][0])
 
     @property
     def brief(self) -> str:
         """The reason in a few words and a number, for lists."""
-        return BRIEF[self.kind](self)
+        return self._told(KINDS[self.kind][1])
 
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %"
-
-
-def _poor_cloud(reason: Reason) -> str:
-    text = (
-        f"poor cloud: {_percent(reason.number)} of the hand in view was measured, "
-        f"{_percent(reason.other)} of the points lie on it"
-    )
-    if not reason.part:
-        return text
-    return f"{text}; the palm alone is estimated ({reason.part}), the fingers are held"
-
-
-def _odd_size(reason: Reason) -> str:
-    if reason.part:
-        size = f"its {reason.part} is {reason.number:.2f} times as long as usual for its length"
-        causes = "masks may miss it where it is shaded or curled;"
-    else:
-        size = f"{reason.number:.0f} mm from wrist to fingertip, not {SMALLEST_HAND_MM:g} to {LARGEST_HAND_MM:g}"
-        causes = "the unit,"
-    return f"implausible hand size: {size}; {causes} lens coefficients or camera poses may be wrong"
+    def _told(self, text: str) -> str:
+        """Return one of the texts of KINDS with what it says in braces."""
+        share, other_share = (f"{100 * value:.0f} %" for value in (self.number, self.other))
+        held = f"; the palm alone is estimated ({self.part}), the fingers are held"
+        odd_length = f"{self.number:.0f} mm from wrist to fingertip, not {SMALLEST_HAND_MM:g} to {LARGEST_HAND_MM:g}; the unit,"
+        odd_part = f"its {self.part} is {self.number:.2f} times as long as usual for its length; masks may miss it where it is shaded or curled;"
+        return text.format(
+            **vars(self),
+            share=share,
+            other_share=other_share,
+            held=held if self.part else "",
+            length=self.part or "hand length",
+            size=odd_part if self.part else odd_length,
+            sign=SIGNS.get(self.camera, SIGNS["open"]),
+        )
 
 
 SIGNS = {
@@ -83,71 +74,75 @@ SIGNS = {
 }
 """why a pose may be wrong, in words: the sign stands in the place of a camera's name"""
 
-KINDS: dict[str, Callable[[Reason], str]] = {
-    "unseen": lambda r: "no camera has an observation of this frame",
-    "cloud elsewhere": lambda r: (
-        f"the cloud has hardly any points within {r.number:g} mm of where the hand was expected"
+KINDS: dict[str, tuple[str, str]] = {
+    "unseen": ("no camera has an observation of this frame", "no observation"),
+    "cloud elsewhere": (
+        "the cloud has hardly any points within {number:g} mm of where the hand was expected",
+        "cloud elsewhere",
     ),
-    "given": lambda r: "input pose; its texture is carried from here on",
-    "given keypoints": lambda r: "no observation; only the input keypoints constrain the pose",
-    "out of view": lambda r: "model and silhouette are outside all views",
-    "overlap": lambda r: f"model and silhouette overlap by {_percent(r.number)} in {r.camera}",
-    "filled mask": lambda r: (
-        f"the mask covers more than half of the image in {r.camera}: is it inverted or all white?"
+    "given": ("input pose; its texture is carried from here on", "input pose"),
+    "given keypoints": (
+        "no observation; only the input keypoints constrain the pose",
+        "input keypoints alone",
     ),
-    "part outside": lambda r: (
-        f"{_percent(r.number)} of the {r.part} and the bone before it lie outside the silhouette in {r.camera}"
+    "out of view": ("model and silhouette are outside all views", "out of view"),
+    "overlap": (
+        "model and silhouette overlap by {share} in {camera}",
+        "{camera} overlap {number:.2f}",
     ),
-    "beside": lambda r: (
-        f"{r.number:.0f} mm² of the silhouette in {r.camera} are not covered by the model, a fingertip or more; "
-        f"the lowest overlap is {_percent(r.other)}"
+    "filled mask": (
+        "the mask covers more than half of the image in {camera}: is it inverted or all white?",
+        "{camera}'s mask fills the image",
     ),
-    "start": lambda r: (
-        f"it fits, but the first pose had a confidence of {_percent(r.number)}, and too few consecutive frames have confirmed it"
+    "part outside": (
+        "{share} of the {part} and the bone before it lie outside the silhouette in {camera}",
+        "{part}, {share} outside in {camera}",
     ),
-    "keypoints": lambda r: (
-        f"{_percent(r.number)} of {r.other:.0f} keypoints lie within {NEAR_SIGMAS:g} sigma of the model"
+    "beside": (
+        "{number:.0f} mm² of the silhouette in {camera} are not covered by the model, a fingertip or more; the lowest overlap is "
+        "{other_share}",
+        "{number:.0f} mm² of {camera} uncovered",
     ),
-    "cloud": lambda r: (
-        f"{_percent(r.number)} of the cloud's points lie within {1e3 * NEAR_M:g} mm of the model"
+    "start": (
+        "it fits, but the first pose had a confidence of {share}, and too few consecutive frames have confirmed it",
+        "first pose, confidence {share}",
     ),
-    "poor cloud": _poor_cloud,
-    "energy": lambda r: f"the residual is {r.number:.1f} times the usual one; a finger may be lost",
-    "size": _odd_size,
-    "off": lambda r: (
-        f"the {r.part} may be wrong, ± {r.number:.0f} mm (P = {r.other:.2f} that a joint's error exceeds 25 mm): "
-        f"{SIGNS.get(r.camera, SIGNS['open'])}"
+    "keypoints": (
+        f"{{share}} of {{other:.0f}} keypoints lie within {NEAR_SIGMAS:g} sigma of the model",
+        "{share} of keypoints near",
     ),
-    "far off": lambda r: (
-        f"the {r.part} may be wrong, ± {r.number:.0f} mm (P = {r.other:.2f} that its error exceeds 230 mm): "
-        "the observations do not constrain it"
+    "cloud": (
+        f"{{share}} of the cloud's points lie within {1e3 * NEAR_M:g} mm of the model",
+        "{share} of the cloud near",
     ),
-    "other way": lambda r: (
-        f"an alternative trajectory ({_percent(r.number)} probable) has the {r.part} {r.other:.0f} mm away"
+    "poor cloud": (
+        "poor cloud: {share} of the hand in view was measured, {other_share} of the points lie on it{held}",
+        "poor cloud, {share} measured",
     ),
-    "open": lambda r: f"the observations do not constrain the {r.part}: ± {r.number:.0f} mm",
+    "energy": (
+        "the residual is {number:.1f} times the usual one; a finger may be lost",
+        "residual {number:.1f} times the usual",
+    ),
+    "size": (
+        "implausible hand size: {size} lens coefficients or camera poses may be wrong",
+        "implausible {length}",
+    ),
+    "off": (
+        "the {part} may be wrong, ± {number:.0f} mm (P = {other:.2f} that a joint's error exceeds 25 mm): {sign}",
+        "{part}, P(error > 25 mm) {other:.2f}, ± {number:.0f} mm",
+    ),
+    "far off": (
+        "the {part} may be wrong, ± {number:.0f} mm (P = {other:.2f} that its error exceeds 230 mm): the observations do not constrain "
+        "it",
+        "{part}, P(error > 230 mm) {other:.2f}, ± {number:.0f} mm",
+    ),
+    "other way": (
+        "an alternative trajectory ({share} probable) has the {part} {other:.0f} mm away",
+        "{part}, alternative {other:.0f} mm away, {share}",
+    ),
+    "open": (
+        "the observations do not constrain the {part}: ± {number:.0f} mm",
+        "{part} unconstrained, ± {number:.0f} mm",
+    ),
 }
-"""what each kind says; the only place where low confidence is worded"""
-
-BRIEF: dict[str, Callable[[Reason], str]] = {
-    "unseen": lambda r: "no observation",
-    "cloud elsewhere": lambda r: "cloud elsewhere",
-    "given": lambda r: "input pose",
-    "given keypoints": lambda r: "input keypoints alone",
-    "out of view": lambda r: "out of view",
-    "overlap": lambda r: f"{r.camera} overlap {r.number:.2f}",
-    "filled mask": lambda r: f"{r.camera}'s mask fills the image",
-    "part outside": lambda r: f"{r.part}, {_percent(r.number)} outside in {r.camera}",
-    "beside": lambda r: f"{r.number:.0f} mm² of {r.camera} uncovered",
-    "start": lambda r: f"first pose, confidence {_percent(r.number)}",
-    "keypoints": lambda r: f"{_percent(r.number)} of keypoints near",
-    "cloud": lambda r: f"{_percent(r.number)} of the cloud near",
-    "poor cloud": lambda r: f"poor cloud, {_percent(r.number)} measured",
-    "energy": lambda r: f"residual {r.number:.1f} times the usual",
-    "size": lambda r: f"implausible {r.part or 'hand length'}",
-    "off": lambda r: f"{r.part}, P(error > 25 mm) {r.other:.2f}, ± {r.number:.0f} mm",
-    "far off": lambda r: f"{r.part}, P(error > 230 mm) {r.other:.2f}, ± {r.number:.0f} mm",
-    "other way": lambda r: f"{r.part}, alternative {r.other:.0f} mm away, {_percent(r.number)}",
-    "open": lambda r: f"{r.part} unconstrained, ± {r.number:.0f} mm",
-}
-"""the same in a few words"""
+"""what each kind says, and the same in a few words; the only place where low confidence is worded"""

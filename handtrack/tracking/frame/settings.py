@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, Literal
 
@@ -411,16 +411,16 @@ class TrackerSettings:
             "paper2003": "2003, jumps",
         },
     )
-    model: ModelSettings = field(default_factory=ModelSettings)
-    silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
-    cloud: CloudTermSettings = field(default_factory=CloudTermSettings)
-    edges: EdgeSettings = field(default_factory=EdgeSettings)
-    intensity: IntensitySettings = field(default_factory=IntensitySettings)
-    keypoints: KeypointSettings = field(default_factory=KeypointSettings)
-    prior: PriorSettings = field(default_factory=PriorSettings)
-    solver: SolverSettings = field(default_factory=SolverSettings)
-    tracker: FollowSettings = field(default_factory=FollowSettings)
-    mixture: MixtureSettings = field(default_factory=MixtureSettings)
+    model: ModelSettings = ModelSettings()
+    silhouettes: SilhouetteSettings = SilhouetteSettings()
+    cloud: CloudTermSettings = CloudTermSettings()
+    edges: EdgeSettings = EdgeSettings()
+    intensity: IntensitySettings = IntensitySettings()
+    keypoints: KeypointSettings = KeypointSettings()
+    prior: PriorSettings = PriorSettings()
+    solver: SolverSettings = SolverSettings()
+    tracker: FollowSettings = FollowSettings()
+    mixture: MixtureSettings = MixtureSettings()
     traits: Traits = Traits()
     """the method's, where no setting says it"""
 
@@ -496,7 +496,7 @@ def _accepted(name: str, value: Any) -> Any:
 
 
 GROUPS: dict[str, type] = {
-    name: kind.default_factory  # type: ignore[misc]
+    name: type(kind.default)
     for name, kind in TrackerSettings.__dataclass_fields__.items()
     if name not in ("method", "traits")
 }

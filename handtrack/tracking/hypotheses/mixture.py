@@ -14,8 +14,9 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.chains import chains_of
 from handtrack.sampling.suppression import apart_joints
 from handtrack.solver.covariance import covariance
+from handtrack.solver.levenberg_marquardt import SolveSummary
 from handtrack.tracking.frame.constants import APART_MM
-from handtrack.tracking.frame.descent import Descended, by_keypoints_alone, stage_problem
+from handtrack.tracking.frame.descent import by_keypoints_alone, stage_problem
 from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -73,8 +74,7 @@ def _carried(objective: MixtureObjective, found: Sequence[Start]) -> list[Start]
     model, settings = objective.model, objective.settings
     bones = [model.bones(c.params) for c in found]
     shapes = np.array([model.joint_positions(b) - b.reference for b in bones])
-    own = settings.traits.apart_mm
-    limit = 1e-3 * (APART_MM if own is None else own)
+    limit = 0.0 if settings.traits.closest_prior else 1e-3 * APART_MM
     differing = apart_joints(range(len(found)), shapes, limit)
     shown = list(islice(differing, settings.tracker.hypotheses))
     others = [n for n in range(len(found)) if n not in shown]
@@ -128,9 +128,9 @@ def solve_mixture(
         terms = terms.without_motion()
         hypotheses, parents = searched(FirstHypotheses(*objective, terms, params))
     best = hypotheses[0].params
-    problem = stage_problem(task.model, terms, terms.stages - 1, best)
-    found = Descended(best, problem, 0, problem.linearize(best))
-    solved = task.solved(terms, found)
+    problem = stage_problem(terms, best)
+    system = problem.linearize(best)
+    solved = task.solved(terms, SolveSummary(best, system.cost, 0, "converged", system), problem)
     return _with_alternatives(task.model, solved, hypotheses, parents), hypotheses
 
 

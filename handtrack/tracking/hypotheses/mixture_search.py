@@ -34,7 +34,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief, unknown_speed
 from handtrack.tracking.search.engine import Candidate, Round, Search
 
-_COARSE = 10.0  # times sigma
+_COARSE = 10.0  # times sigma, of a first frame's joints: a wide basin
 _MEMORY_FRAMES = 10.0  # over about so many frames a belief remembers, so each counts this share of the static priors
 _LEAVES = 96  # of a tree
 _WEIGHTLESS = np.finfo(float).tiny
@@ -110,17 +110,10 @@ class MixtureObjective:
         minimum holds (Laplace): a wide minimum of the same cost is more probable than a narrow one. Nothing came before a
         first frame: there costs alone decide.
         """
-        source, model, is_first = group[0].source, self.model, group[0].source.belief is None
-        found = minima(
-            model,
-            self.settings.solver,
-            source.terms,
-            np.array([c.params for c in group]),
-            source.most,
-            self.control.should_stop,
-            is_far=is_first,
-        )
-        return self.weighed(source, found)
+        source = group[0].source
+        starts, stop = np.array([c.params for c in group]), self.control.should_stop
+        is_far = source.belief is None
+        return self.weighed(source, minima(source.terms, starts, source.most, stop, is_far))
 
     def weighed(self, source: Source, found: Minima) -> list[Start]:
         """Return the minima that a source's starts led to, with what they weigh."""
@@ -160,7 +153,7 @@ class FirstHypotheses(MixtureObjective):
 
     def headings_at_low_resolution(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the start turned all about the root's own axis, the joints as if seen ten times as coarsely."""
-        far = Source("start", coarse(self.terms), most)
+        far = Source("start", self.terms.coarser(_COARSE), most)
         return self.starts(far, self._turned(most))
 
     def start_and_candidates(self, found: Sequence[Start], most: int) -> list[Start]:
@@ -421,15 +414,9 @@ def pulled(
     return replace(known, priors=(*known.priors, prior))
 
 
-def coarse(terms: FrameTerms) -> FrameTerms:
-    """Return the terms as if joints were seen ten times as coarsely in the image: a wide basin."""
-    return terms.coarser(_COARSE)
-
-
 def without_memory(terms: FrameTerms) -> FrameTerms:
     """Return the terms as one frame of many counts them: static priors, and joints in images whose errors last."""
-    share = terms.settings.traits.new_share
-    seen = terms if share == 1.0 else terms.coarser(share**-0.5)
+    seen = terms.coarser(terms.settings.traits.new_share**-0.5)
     return replace(seen, priors=tuple(map(_shared_out, terms.priors)))
 
 

@@ -16,9 +16,10 @@ from handtrack.geometry.rotation import closest_equivalent, wrapped
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.solver.covariance import joint_position_jacobian
-from handtrack.solver.levenberg_marquardt import solve
+from handtrack.solver.levenberg_marquardt import SolveSummary, solve
+from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import DOUBTFUL_CLOUD
-from handtrack.tracking.frame.descent import LAST_GAIN, Descended, descend, stage_problem
+from handtrack.tracking.frame.descent import LAST_GAIN, descend, stage_problem
 from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import Reason
@@ -55,27 +56,27 @@ def solve_frame(task: FrameTask) -> Solved:
         if is_poor:
             return doubted
         params = task.model.transform.solver_params(doubted.result.parameters)
-    found, search_due = _descended(task, terms, params)
+    found, problem, search_due = _descended(task, terms, params)
     poor = poor_agreement(terms, found.params, POOR)
     if poor is not None:
         solved = solve_doubted(task, terms, params, poor)[0]
     else:
-        solved = _refined(task, terms, found)
+        solved = _refined(task, terms, found, problem)
     return replace(solved, search_due=search_due)
 
 
-def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> tuple[Descended, bool]:
-    """Return where descent leads from params (P,), and from lost fingers found, if any were; and whether they would have been looked
+def _descended(
+    task: FrameTask, terms: FrameTerms, params: Floats
+) -> tuple[SolveSummary, Problem, bool]:
+    """Return where descent leads from params (P,), and from lost fingers found, if any were, by which problem; and whether they would have been looked
     for, had it been allowed.
     """
     settings, control, number = task.settings, task.control, task.observation.frame
     watch = control.watch(number)
-    summary, problem, count = descend(
-        task.model, settings.solver, terms, params, control.should_stop, watch
-    )
+    summary, problem = descend(terms, params, control.should_stop, watch)
     search, why = finger_search(settings, number, summary.cost, terms.views, task.previous)
     if why and terms.cloud is not None:
-        seen = agreement(terms.cloud, task.model, task.model.bones(summary.params))
+        seen = agreement(terms.cloud, task.model.bones(summary.params))
         if (
             seen.explained < DOUBTFUL_CLOUD
         ):  # a wrong finger often fits points of other things better
@@ -84,15 +85,13 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> tuple[Desc
         found = with_fingers_found(terms, summary.params, control, number, why, search)
         if found is not summary.params:
             terms = terms.without_motion().as_seen_at(task.model.bones(found))
-            summary, problem, more = descend(
-                task.model, settings.solver, terms, found, control.should_stop, watch
-            )
-            count += more
-    due = bool(why) and not control.searches
-    return Descended(summary.params, problem, count, summary.system), due
+            before = summary.iterations
+            summary, problem = descend(terms, found, control.should_stop, watch)
+            summary = replace(summary, iterations=before + summary.iterations)
+    return summary, problem, bool(why) and not control.searches
 
 
-def _refined(task: FrameTask, terms: FrameTerms, found: Descended) -> Solved:
+def _refined(task: FrameTask, terms: FrameTerms, found: SolveSummary, problem: Problem) -> Solved:
     """Return the result at the pose that a cloud gives which lies nearer than usual; as found, elsewhere.
 
     Poses are compared before, as energies are: with the same spread for all of them.
@@ -100,7 +99,7 @@ def _refined(task: FrameTask, terms: FrameTerms, found: Descended) -> Solved:
     exact = None
     fine = terms.sharpened(task.model.bones(found.params))
     if fine is not terms:
-        exact = stage_problem(task.model, fine, fine.stages - 1, found.params)
+        exact = stage_problem(fine, found.params)
         share = max(task.settings.solver.iterations // fine.stages, 1)
         settings = replace(task.settings.solver, iterations=share, least_gain=LAST_GAIN)
         summary = solve(exact, found.params, settings, task.control.should_stop)
@@ -108,10 +107,10 @@ def _refined(task: FrameTask, terms: FrameTerms, found: Descended) -> Solved:
             found,
             params=summary.params,
             iterations=found.iterations + summary.iterations,
-            system=found.problem.linearize(summary.params),
+            system=problem.linearize(summary.params),
         )
         exact = exact, summary.system
-    return task.solved(terms, found, exact)
+    return task.solved(terms, found, problem, exact)
 
 
 def may_doubt(terms: FrameTerms) -> bool:
@@ -130,7 +129,7 @@ def poor_agreement(terms: FrameTerms, params: Floats[P], below: float) -> Agreem
     """
     if terms.cloud is None or not may_doubt(terms):
         return None
-    found = agreement(terms.cloud, terms.model, terms.model.bones(params))
+    found = agreement(terms.cloud, terms.model.bones(params))
     # of a hand that was measured the depths are right, whatever else the cloud shows; nothing in view: nothing is wrong
     return found if max(found.share, found.measured) < below else None
 

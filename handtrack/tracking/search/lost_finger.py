@@ -50,12 +50,12 @@ class FingerObjective:
         """Return the objective around a pose that was found with these terms."""
         free = terms.without_motion()
         model = terms.model
-        return cls(free, stage_problem(model, free, 0, params), model.bones(params), control)
+        return cls(free, stage_problem(free, params, 0), model.bones(params), control)
 
     def measured(self, candidate: Candidate) -> Candidate:
         """Return a candidate with its cost in the narrowest band."""
         terms = self.terms.as_seen_at(self.terms.model.bones(candidate.params))
-        seen = terms.stage(terms.stages - 1, self.here)
+        seen = terms.stage(self.here)
         cost = Problem(terms.model, seen, terms.priors).cost(candidate.params)
         return replace(candidate, cost=cost)
 
@@ -95,14 +95,13 @@ def frame_schedule(
     objective: FingerObjective, candidates: Sequence[Candidate], iterations: int
 ) -> list[Candidate]:
     """Descend by the frame's own schedule, band after band, asking where a candidate starts what is in view."""
-    model, settings = objective.terms.model, objective.terms.settings.solver
-    should_stop = objective.control.should_stop
+    model, should_stop = objective.terms.model, objective.control.should_stop
 
     def solved(candidate: Candidate) -> Candidate | None:
         if should_stop():
             return None
         terms = objective.terms.as_seen_at(model.bones(candidate.params))
-        found = descend(model, settings, terms, candidate.params, should_stop)[0].params
+        found = descend(terms, candidate.params, should_stop)[0].params
         return objective.measured(replace(candidate, params=found))
 
     return [c for c in in_parallel(solved, candidates) if c is not None]

@@ -34,7 +34,7 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
         return solved
     params = model.transform.solver_params(result.parameters)
     bones = model.bones(params)
-    if is_where_joints_are(frame_terms(model, task.settings, task.observation, bones, None), bones):
+    if is_where_joints_are(frame_terms(model, task.settings, task.observation, bones), bones):
         return solved
     if not task.control.searches:
         return replace(solved, search_due=True)
@@ -80,7 +80,7 @@ def _judged(task: FrameTask, solved: Solved) -> Solved:
     """Return a result with its status judged beside the frames before it."""
     model, result = task.model, solved.result
     bones = model.bones(model.transform.solver_params(result.parameters))
-    terms = frame_terms(model, task.settings, task.observation, bones, None)
+    terms = frame_terms(model, task.settings, task.observation, bones)
     status, reason = assess(terms, bones, result.energy, task.previous)
     was_open = result.reason_kind == "open"
     if status > result.status or (status != Status.TRACKED and was_open):

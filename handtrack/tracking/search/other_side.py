@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -36,13 +35,6 @@ def evidence_of_other_side(
     looks: what was seen of some frames, and this hand's pose there. The other hand is looked for around it; where it fits
     better, this one is looked for likewise, so that a poor pose of the right hand does not speak against it.
     """
-    shapes_of = cache(hand_shapes)  # of this hand they are rarely needed
-
-    def found_of(
-        hand: ArticulatedModel, objective: GlobalObjective, standing: float
-    ) -> list[Candidate]:
-        return _found(replace(objective, shapes=shapes_of(hand)), standing)
-
     total = 0.0
     for seen, params in looks:
         objective = GlobalObjective.of(seen, settings)
@@ -56,10 +48,10 @@ def evidence_of_other_side(
             within=(palm_middle(model, params), _NEAR_M),
             control=control,
         )
-        theirs = found_of(other, objective, ours.cost)
+        theirs = _found(other, objective, ours.cost)
         least, best = _least_of_each(objective, [ours], theirs)
         if best < least:
-            this = [ours, *found_of(model, objective, best)]
+            this = [ours, *_found(model, objective, best)]
             least, best = _least_of_each(objective, this, theirs)
         if control.should_stop():
             return 0.0
@@ -78,11 +70,11 @@ def _least_of_each(
     return min(costs[: len(this)]), min(costs[len(this) :], default=np.inf)
 
 
-def _found(objective: GlobalObjective, standing: float) -> list[Candidate]:
-    """Return poses at which a hand of the objective's shapes was found."""
-    control, tried = objective.control, Tried()
+def _found(hand: ArticulatedModel, objective: GlobalObjective, standing: float) -> list[Candidate]:
+    """Return poses at which a hand was found."""
+    objective, tried = replace(objective, shapes=hand_shapes(hand)), Tried()
     found = run_rounds(OTHER_SIDE, objective, [], tried=tried)
     best = min(found, key=lambda c: c.cost, default=None)
-    why = f"is it a {objective.shapes[0].model.side} hand?"
-    report(OTHER_SIDE, control, objective.seen.frame, why, tried, best, standing)
+    why = f"is it a {hand.side} hand?"
+    report(OTHER_SIDE, objective.control, objective.seen.frame, why, tried, best, standing)
     return found

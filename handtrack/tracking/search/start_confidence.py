@@ -129,13 +129,13 @@ def fit_quality(
 ) -> float:
     """Return 0 to 1: 0 where tracking would call the pose lost, ½ where doubtful, 1 as far above that again."""
     bones = model.bones(params)
-    terms = frame_terms(model, settings, seen, bones, None)
+    terms = frame_terms(model, settings, seen, bones)
     qualities = []
     if terms.prepared:
         overlap = float(np.median(outline_overlap(terms.prepared, model.flesh["fine"], bones).iou))
         qualities.append(_between(overlap, LOST_OVERLAP, DOUBTFUL_OVERLAP))
     if terms.cloud is not None:
-        share = agreement(terms.cloud, model, bones).explained
+        share = agreement(terms.cloud, bones).explained
         qualities.append(_between(share, LOST_CLOUD, DOUBTFUL_CLOUD))
     return min(qualities, default=0.0)
 

@@ -96,7 +96,7 @@ class _Frame:
         joints = observed.image_keypoints
         views = {one.camera.name: one for one in (*observed.silhouettes, *joints)}
         seen: dict[str, JointSystem] = {}
-        priors = frame_terms(model, alone, observed, bones, None).priors
+        priors = frame_terms(model, alone, observed, bones).priors
         for name, view in views.items():
             own = Observation(
                 observed.frame,
@@ -104,7 +104,7 @@ class _Frame:
                 tuple(one for one in observed.silhouettes if one.camera.name == name),
                 keypoints=tuple(one for one in joints if one.camera.name == name),
             )
-            terms = frame_terms(model, alone, own, bones, None).wide().stage(0, bones)
+            terms = frame_terms(model, alone, own, bones).wide().stage(bones, 0)
             changes = [_changes(model, bones, view, kind) for kind in KINDS]
             fields = moves.beside(BoneFields.of_twists(np.concatenate(changes, axis=2), points))
             seen[name] = reduce(

@@ -7,7 +7,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from handtrack.arrays import D6, D9, Array, C, F, Floats, K, P, array_dataclass
+from handtrack.arrays import D6, D9, Array, C, F, Floats, Ints, K, P, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.model.pose_changes import PLACE, TURN, changes, moved
@@ -175,7 +175,7 @@ class CameraChanges:
         off = (self.late[:, None] - self.late) / _LATE_FRAMES
         return float(self.late[np.log1p(off**2).sum(axis=0).argmin()])
 
-    def earlier(self, frames: float) -> CameraChanges:
+    def earlier(self, frames: Ints[C] | float) -> CameraChanges:
         """Return the same by a clock that is so many frames ahead."""
         values = self.values.copy()
         values[:, LATE] -= frames
@@ -185,10 +185,7 @@ class CameraChanges:
         """Return the same where other images of a camera are looked at, as soon as one is clearly nearer in time."""
         late = self.values[:, LATE]
         step = np.where(np.abs(late) > _OTHER_FRAME, np.rint(late), 0.0).astype(int)
-        values = self.values.copy()
-        values[:, LATE] -= step
-        ahead = tuple((np.array(self.ahead, int) - step).tolist())
-        return replace(self, values=values, ahead=ahead)
+        return replace(self.earlier(step), ahead=tuple((np.array(self.ahead) - step).tolist()))
 
     def corrected(self) -> tuple[Camera, ...]:
         """Return the cameras as they must have been to see what they saw."""
@@ -197,10 +194,8 @@ class CameraChanges:
             turn = rotation_matrix(values[TURNED])
             rotation = camera.rotation @ turn
             centre = camera.centre - turn.T @ values[SHIFTED]
-            matrix = camera.matrix * np.array(
-                [[1.0 + values[ZOOMED]], [1.0 + values[ZOOMED]], [1.0]]
-            )
-            matrix[:2, 2] = camera.matrix[:2, 2]
+            matrix = camera.matrix.copy()
+            matrix[:2, :2] *= 1.0 + values[ZOOMED]
             found.append(
                 replace(camera, matrix=matrix, rotation=rotation, translation=-rotation @ centre)
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -18,7 +18,7 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Observe
 from handtrack.tracking.frame.depth_flips import only_camera
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, by_camera, frame_terms
@@ -47,9 +47,6 @@ _LONGEST = 0.9
 MOSTLY_NEW = 0.5
 """share of a frame that is new from which its errors hardly last: those of joints are correlated by less than a third"""
 
-Observe = Callable[[int, BonePoses | None], Observation]
-"""what is seen of a frame; see tracking.speculative.Observe"""
-
 
 @array_dataclass
 class Recording:
@@ -77,8 +74,6 @@ def frame_seconds(tracked: Sequence[FrameResult]) -> float:
 class FrameEvidence(FrameProblem):
     """A frame as it was seen, and what it costs; its images are not kept, which take ten times as much."""
 
-    frame: int
-    time_s: float
     terms: FrameTerms
     around: BonePoses
     """where its bands are frozen"""
@@ -121,7 +116,7 @@ class FrameEvidence(FrameProblem):
         )
         later = dict(zip(changes.names, changes.values[:, LATE].tolist(), strict=True))
         terms = at_camera_times(terms, later, pose, velocity)
-        return terms, stage_problem(terms.model, terms, terms.stages - 1, pose)
+        return terms, stage_problem(terms, pose)
 
     def plain(self, pose: Floats[P]) -> JointSystem:
         """Return the system of the pose alone, through the cameras as they were calibrated."""
@@ -130,8 +125,8 @@ class FrameEvidence(FrameProblem):
     def at(self, pose: Floats[P]) -> JointSystem:
         """Return the same for a pose that may be elsewhere: it is asked what is in view there, also where the frame is silent."""
         model = self.terms.model
-        terms = _counted(self.terms, self.share).as_seen_at(model.bones(pose))
-        seen = terms.stage(terms.stages - 1, self.around)
+        terms = self.terms.coarser(self.share**-0.5).as_seen_at(model.bones(pose))
+        seen = terms.stage(self.around)
         return by_changes(Problem(model, seen, terms.priors).linearize(pose), pose)
 
 
@@ -239,7 +234,7 @@ class Evidence:
         bones = model.bones(pose)
         long_arm = bones if self.person is None else self.person.with_long_arm.bones(pose)
         observation = self._observed(frame, bones)
-        terms = frame_terms(model, replace(settings, prior=prior), observation, long_arm, None)
+        terms = frame_terms(model, replace(settings, prior=prior), observation, long_arm)
         if self.follows:
             beside = [n for n in (frame - 1, frame, frame + 1) if n in self.around]
             speed = velocities(np.array([self.around[n] for n in beside]))[beside.index(frame)]
@@ -250,21 +245,15 @@ class Evidence:
         if self.wide:
             terms = terms.wide()
         share = 1.0 if only_camera(terms) is None else self.new
-        counted = _counted(terms, share)
-        told, others = by_camera(counted.stage(terms.stages - 1, bones))
+        told, others = by_camera(terms.coarser(share**-0.5).stage(bones))
         if frame in self.silent:
             told, others = {}, []
         views = [told.pop(name, []) for name in self.cameras.names]
         others += [term for own in told.values() for term in own]
         return FrameEvidence(
             Problem(model, others), Problem(model, (), terms.priors), tuple(Problem(model, own) for own in views), share,
-            observation.frame, observation.time_s, terms, bones,
+            terms, bones,
         )  # fmt: skip
-
-
-def _counted(terms: FrameTerms, share: float) -> FrameTerms:
-    """Return the terms of which only that share counts."""
-    return terms if share == 1.0 else terms.coarser(share**-0.5)
 
 
 def measured_outlines(
@@ -278,7 +267,7 @@ def measured_outlines(
     found: dict[str, list[float]] = {}
     for n in np.unique(np.linspace(0, len(frames) - 1, _OUTLINES).round().astype(int)).tolist():
         terms, bones = evidence.of(frames[n]).terms, evidence.model.bones(poses[n])
-        for term in terms.stage(terms.stages - 1, bones) if terms.prepared else ():
+        for term in terms.stage(bones) if terms.prepared else ():
             if isinstance(term, CoverageTerm):
                 for seen, px, scale in zip(
                     term.silhouettes, term.outline_errors_px(bones), terms.pixels_per_m, strict=True

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from handtrack.arrays import Floats, P
-from handtrack.model.pose_changes import changes, moved
+from handtrack.model.pose_changes import change, moved
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.control import Control
@@ -65,7 +65,7 @@ def with_keyframes(
             for n, there in _followed(evidence, way, frame, pose, given, control).items():
                 other, one = found.get(n, (frame, there))
                 nearer = abs(n - other) / (abs(n - other) + abs(n - frame))
-                found[n] = frame, moved(one[None], nearer * changes(np.array([one, there])))[0]
+                found[n] = frame, moved(one, nearer * change(one, there))
     moved_to = {
         n: replace(known[n], parameters=model.joint_params(x)) for n, (_, x) in found.items()
     }
@@ -75,8 +75,7 @@ def with_keyframes(
 
 def _between(beside: Sequence[Floats[P]]) -> Floats[P]:
     """Return the middle of the poses on either side, or the only one's."""
-    ends = np.array([beside[0], beside[-1]])
-    return moved(ends[:1], 0.5 * changes(ends))[0]
+    return moved(beside[0], 0.5 * change(beside[0], beside[-1]))
 
 
 def _followed(
@@ -110,11 +109,11 @@ def _followed(
         cost = evidence.of(n).problem.cost
         same = largest_move_m(model, without, there) < APART_M
         worse = same or cost(there) > cost(without) + _TELLS
-        return np.zeros_like(before) if worse else changes(np.array([without, there]))[0]
+        return np.zeros_like(before) if worse else change(without, there)
 
     stood = evidence.around[frame]
-    change = change_of_minimum(frame, stood, pose)
-    middle = model.clipped(moved(stood[None], change[None])[0])
+    step = change_of_minimum(frame, stood, pose)
+    middle = model.clipped(moved(stood, step))
     problem, alike = evidence.of(frame).problem, 1.0
     if problem.cost(pose) < problem.cost(middle) - _TELLS:  # it stood beside a minimum
         middle = settled(frame, pose)
@@ -122,7 +121,7 @@ def _followed(
     # where such a minimum is found beside, and where none is: by what the correction leaves what was seen, and what that costs
     errors = [
         (
-            changes(np.array([begin, pose]))[0],
+            change(begin, pose),
             max(problem.cost(pose) - problem.cost(begin), 0.0) + _TELLS,
         )
         for begin in (middle, middle if agrees else stood)
@@ -132,22 +131,20 @@ def _followed(
         if beside in held or stop():
             break
         problem, before, last = evidence.of(beside).problem, evidence.around[beside], alike
-        apart = changes(np.array([stood, before]))[0, 3:]
+        apart = change(stood, before)[3:]
         alike = float(np.exp(-0.5 * (apart @ apart) / (len(apart) * _ALIKE_RAD**2)))
-        if change.any():
-            less = min(alike / max(last, alike), 1.0) * change
-            change = change_of_minimum(
-                beside, before, model.clipped(moved(before[None], less[None])[0])
-            )
-        middle = model.clipped(moved(before[None], change[None])[0])
-        error, against = errors[0 if change.any() else 1]
-        step = alike * error
+        if step.any():
+            less = min(alike / max(last, alike), 1.0) * step
+            step = change_of_minimum(beside, before, model.clipped(moved(before, less)))
+        middle = model.clipped(moved(before, step))
+        error, against = errors[0 if step.any() else 1]
+        beyond = alike * error
         for _ in range(_TRIED):  # of a robust loss half the way costs more than a quarter
-            there = model.clipped(moved(middle[None], step[None])[0])
+            there = model.clipped(moved(middle, beyond))
             worse = problem.cost(there) - problem.cost(middle)
             if worse <= against:
                 break
-            step = step * (against / worse) ** 0.5
+            beyond = beyond * (against / worse) ** 0.5
         if largest_move_m(model, before, there) < _MERGED_M:
             break
         found[beside] = there

@@ -11,7 +11,7 @@ import numpy as np
 
 from handtrack.arrays import Array, F, Floats, Ints, K, L, P, array_dataclass, runs
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.pose_changes import changes, moved
+from handtrack.model.pose_changes import change, changes, moved
 from handtrack.parallel import in_parallel
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.confidence import assess, energy_ratio
@@ -61,8 +61,9 @@ class Trellis:
     @cached_property
     def best(self) -> Ints[F]:
         """Which minimum of each frame lies on the most probable path (Viterbi)."""
-        least, back = -self._masses[0], []
-        for mass, joined in zip(self._masses[1:], self._joined, strict=True):
+        (first, *masses), joins = self._weights
+        least, back = -first, list[Ints[L]]()
+        for mass, joined in zip(masses, joins, strict=True):
             costs = least[:, None] - joined
             back.append(costs.argmin(axis=0))
             least = costs.min(axis=0) - mass
@@ -78,23 +79,15 @@ class Trellis:
     @property
     def probabilities(self) -> list[Floats[K]]:
         """How probable each frame's minima are, by all frames: over all paths through them (forward–backward)."""
-        ahead: list[Floats[K]] = [self._masses[0]]
+        (first, *masses), joins = self._weights
+        ahead: list[Floats[K]] = [first]
         behind: list[Floats[K]] = [np.zeros(len(self.minima[-1]))]
-        for mass, joined in zip(self._masses[1:], self._joined, strict=True):
+        for mass, joined in zip(masses, joins, strict=True):
             ahead.append(mass + _log_sum(ahead[-1][:, None] + joined, axis=0))
-        pairs = zip(self._masses[:0:-1], reversed(self._joined), strict=True)
-        for mass, joined in pairs:
+        for mass, joined in zip(reversed(masses), reversed(joins), strict=True):
             behind.append(_log_sum(joined + mass + behind[-1], axis=1))
         both = [a + b for a, b in zip(ahead, reversed(behind), strict=True)]
         return [np.exp(row - _log_sum(row[:, None], axis=0)) for row in both]
-
-    @property
-    def _masses(self) -> list[Floats[K]]:
-        return self._weights[0]
-
-    @property
-    def _joined(self) -> list[Floats[K, L]]:
-        return self._weights[1]
 
     @cached_property
     def _weights(self) -> tuple[list[Floats[K]], list[Floats[K, L]]]:
@@ -171,11 +164,16 @@ class ModeSearch:
     """solver parameters: as tracked, bridged where the hand was lost"""
     control: Control
     minima: list[list[Minimum]] = field(init=False, default_factory=list)
-    motion: Motion = field(init=False)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def motion(self) -> Motion:
         prior, seconds = self.evidence.settings.prior, self.evidence.seconds
-        self.motion = Motion.usual(prior, self.poses.shape[1], seconds)
+        return Motion.usual(prior, self.poses.shape[1], seconds)
+
+    @cached_property
+    def _usual(self) -> Floats[P]:
+        """What a pose usually changes from a frame to the next [m, rad]."""
+        return np.sqrt(np.diag(self.motion.process_noise))
 
     @property
     def share(self) -> float:
@@ -202,7 +200,7 @@ class ModeSearch:
         for n, apart in enumerate(self._apart(firm, doubted), 1):
             ways = [(n, -1), (n - 1, 1)] if apart else []
             self._carry(
-                (at, way, self._pose(at), self._speed(at, -way, firm))
+                (at, way, self.minima[at][0].pose, self._speed(at, -way, firm))
                 for at, way in ways
                 if firm[at]
             )
@@ -223,9 +221,8 @@ class ModeSearch:
         """Return what a frame changes on a path, a variance: nine in ten changes are within 1.645 standard deviations, the others
         may be mistakes; no more than is usual, since a path full of mistakes changes by anything.
         """
-        usual = np.sqrt(np.diag(self.motion.process_noise))
         found = np.percentile(np.abs(changes(poses)), 90, axis=0) / 1.645
-        return np.diag(np.clip(found, _LEAST_CHANGE * usual, usual) ** 2)
+        return np.diag(np.clip(found, _LEAST_CHANGE * self._usual, self._usual) ** 2)
 
     def _bridge(self, poses: Floats[F, P]) -> bool:
         """Add the middle between the neighbours of frames that don't go together with these on a path: where a frame tells
@@ -235,8 +232,8 @@ class ModeSearch:
         for n in np.flatnonzero(self._pushed(poses)).tolist():
             if self.minima[n][0].origin == "bridged":
                 continue
-            step = changes(poses[[n - 1, n + 1]])
-            middle = self.evidence.model.clipped(moved(poses[n - 1 : n], 0.5 * step)[0])
+            before, after = poses[n - 1], poses[n + 1]
+            middle = self.evidence.model.clipped(moved(before, 0.5 * change(before, after)))
             added |= self._add(n, self._minimum(n, middle, "between"))
         return added
 
@@ -251,9 +248,6 @@ class ModeSearch:
             return frame.plain(there) if plain else frame.at(there)
 
         return Minimum(pose, costs, origin)
-
-    def _pose(self, n: int) -> Floats[P]:
-        return self.minima[n][0].pose
 
     def _doubted(self) -> Array[F]:
         """Return which frames don't fit, or fit worse than those around them."""
@@ -274,9 +268,7 @@ class ModeSearch:
     def _pushed(self, poses: Floats[F, P]) -> Array[F]:
         """Return which frames change their neighbours' motion by more than is usual."""
         pushed = np.zeros(len(poses), bool)
-        surprise = np.abs(np.diff(changes(poses), axis=0)) / np.sqrt(
-            np.diag(self.motion.process_noise)
-        )
+        surprise = np.abs(np.diff(changes(poses), axis=0)) / self._usual
         pushed[1:-1] = (surprise > _SURPRISING).any(axis=1)
         return pushed
 
@@ -285,9 +277,8 @@ class ModeSearch:
         other = n + towards
         if not 0 <= other < len(self.poses) or not firm[other]:
             return np.zeros_like(self.poses[n])
-        step = changes(np.array([self.poses[other], self.poses[n]]))[0]
-        usual = np.sqrt(np.diag(self.motion.process_noise))
-        return step if (np.abs(step) < _SURPRISING * usual).all() else np.zeros_like(step)
+        step = change(self.poses[other], self.poses[n])
+        return step if (np.abs(step) < _SURPRISING * self._usual).all() else np.zeros_like(step)
 
     def _carry(self, starts: Iterable[tuple[int, int, Floats[P], Floats[P]]]) -> None:
         """Carry poses on, from each frame one way with a speed; ways that part share no frame."""
@@ -300,7 +291,7 @@ class ModeSearch:
             if not 0 <= other < len(self.poses) or self.control.should_stop() or met == _MET:
                 return
             speed = self.motion.kept * speed
-            expected = self.evidence.model.clipped(moved(pose[None], speed[None])[0])
+            expected = self.evidence.model.clipped(moved(pose, speed))
             there = self._nearest(other, expected)
             found = there or self._descended(other, expected, True, "carried on")
             if found is None:
@@ -313,7 +304,7 @@ class ModeSearch:
             if worse > _HOPELESS:
                 return
             met = 0 if there is None and self._add(other, found) else met + 1
-            speed = changes(np.array([pose, found.pose]))[0]
+            speed = change(pose, found.pose)
             pose = found.pose
 
     def _descended(self, n: int, start: Floats[P], pull: bool, origin: str) -> Minimum | None:
@@ -328,8 +319,7 @@ class ModeSearch:
             terms = replace(terms, priors=(*terms.priors, expected))
         stop = self.control.should_stop
         terms = terms.as_seen_at(model.bones(start))
-        solver = self.evidence.settings.solver
-        found = descend(model, solver, terms, start, stop)[0].params
+        found = descend(terms, start, stop)[0].params
         if self.tracked[n].status == Status.LOST:
             again = assess(frame.terms, model.bones(found), 0.0, ())[0]
             if again == Status.LOST:
@@ -358,7 +348,7 @@ class ModeSearch:
         if not frame.terms.has_seen or not model.has_keypoints21:
             return
         pose = min(self.minima[n], key=lambda one: one.system.cost).pose
-        far = stage_problem(model, frame.terms, 0, pose)
+        far = stage_problem(frame.terms, pose, 0)
         starts = [start for _, start in finger_grid(far, pose, _TRIED)]
         cameras = [prepared.camera for prepared in frame.terms.prepared]
         flips = sorted(flipped_fingers(model, cameras, pose), key=far.cost)

@@ -397,9 +397,8 @@ def _result(
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
         moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
         judgement = frame_confidence(terms, pose, energy, energies, joints, tracked[:n], moved_m)
-    at = Observation(frame.frame, frame.time_s)
     return replace(
-        posed_result(model, at, pose, judgement, std),
+        posed_result(model, before, pose, judgement, std),
         energy=float(found.costs[n]) if seen else float("nan"),
         energies=energies,
         iterations=before.iterations + found.sweeps,
@@ -447,7 +446,7 @@ def _costs_of_images(
     )
     for n in looks.tolist():
         terms = evidence.of(numbers[n]).terms
-        seen, _ = by_camera(terms.stage(stage % terms.stages, evidence.model.bones(poses[n])))
+        seen, _ = by_camera(terms.stage(evidence.model.bones(poses[n]), stage % terms.stages))
         for c, name in enumerate(names):
             problem = Problem(model, seen.get(name, []))
             problem = replace(problem, observation_terms=terms_of(problem, model))

@@ -18,8 +18,13 @@ from handtrack.tracking.size.estimate import WholeEstimate
 
 _SURE = 3.0
 """standard deviations by which a camera must be off to be named: of which camera it is, too"""
-_LEAST_DEG, _LEAST_MM, _LEAST_PERCENT, _LEAST_FRAMES = 0.3, 3.0, 0.7, 0.25
-"""that are worth a word: more than a usual calibration and pictures of one moment are off by"""
+_WORDS = (
+    ("rotation {0:.2f}° (± {1:.2f})", "turned by {0:.1f}°", 0.3),
+    ("position {0:.1f} mm (± {1:.1f})", "shifted by {0:.0f} mm", 3.0),
+    ("focal length {0:+.2f} % (± {1:.2f})", "of a focal length {0:+.1f} % off", 0.7),
+    ("time {0:.2f} frames {2} (± {1:.2f})", "{0:.1f} frames {2}", 0.25),
+)
+"""figures, words, and the least that is worth them: more than a usual calibration and pictures of one moment are off by"""
 
 
 @dataclass(frozen=True)
@@ -68,36 +73,33 @@ class CameraError:
         return not any(self.std[:7])
 
     @property
-    def _side(self) -> str:
-        return "late" if self.late_frames > 0 else "early"
-
-    @property
     def figures(self) -> str:
         """What was estimated, with standard deviations."""
-        turn, shift = np.linalg.norm(self.turn_deg), np.linalg.norm(self.shift_mm)
-        parts = [
-            (f"rotation {turn:.2f}° (± {{:.2f}})", max(self.std[:3])),
-            (f"position {shift:.1f} mm (± {{:.1f}})", max(self.std[3:6])),
-            (f"focal length {self.zoom_percent:+.2f} % (± {{:.2f}})", self.std[6]),
-            (f"time {abs(self.late_frames):.2f} frames {self._side} (± {{:.2f}})", self.std[7]),
-        ]
-        return ", ".join(words.format(std) for words, std in parts if std)
+        return self._told([(size, std, figure) for size, std, (figure, _, _) in self._off if std])
 
     @property
     def words(self) -> str:
         """What is surely off, in words; empty where nothing is."""
-        sizes = [
-            (np.linalg.norm(self.turn_deg), max(self.std[:3]), _LEAST_DEG, "turned by {:.1f}°"),
-            (np.linalg.norm(self.shift_mm), max(self.std[3:6]), _LEAST_MM, "shifted by {:.0f} mm"),
-            (self.zoom_percent, self.std[6], _LEAST_PERCENT, "of a focal length {:+.1f} % off"),
-            (abs(self.late_frames), self.std[7], _LEAST_FRAMES, f"{{:.1f}} frames {self._side}"),
-        ]
-        off = [
-            words.format(size)
-            for size, std, least, words in sizes
-            if abs(size) > max(_SURE * std, least)
-        ]
-        return f"camera '{self.name}' is {', '.join(off)}" if off else ""
+        off = self._told(
+            [
+                (size, std, words)
+                for size, std, (_, words, least) in self._off
+                if abs(size) > max(_SURE * std, least)
+            ]
+        )
+        return f"camera '{self.name}' is {off}" if off else ""
+
+    @property
+    def _off(self) -> list[tuple[float, float, tuple[str, str, float]]]:
+        """How much each of _WORDS is off, and its standard deviation."""
+        turn, shift = np.linalg.norm(self.turn_deg), np.linalg.norm(self.shift_mm)
+        sizes = float(turn), float(shift), self.zoom_percent, abs(self.late_frames)
+        std = max(self.std[:3]), max(self.std[3:6]), *self.std[6:8]
+        return list(zip(sizes, std, _WORDS, strict=True))
+
+    def _told(self, parts: Sequence[tuple[float, float, str]]) -> str:
+        side = "late" if self.late_frames > 0 else "early"
+        return ", ".join(words.format(size, std, side) for size, std, words in parts)
 
 
 @dataclass(frozen=True)

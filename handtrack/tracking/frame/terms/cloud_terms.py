@@ -47,6 +47,8 @@ _AS_OFTEN_AS_NOT = uniform_outliers(0.5, np.sqrt(np.pi / 2))  # a hole costs log
 class CloudObservation:
     """The hand's part of a cloud, ready for terms."""
 
+    model: ArticulatedModel
+    settings: TrackerSettings
     prepared: PreparedCloud
     share: float
     """how much one point counts: neighbours on the same finger err together"""
@@ -55,24 +57,27 @@ class CloudObservation:
     only the cloud's side is asked for"""
     views: tuple[Floats[K, D3], ...]
     """what can have seen the surface, as in `seen_from`"""
-    settings: TrackerSettings
     objects: Floats[M, D3]
     """measured points before the hand, of something else: what they hide is not asked for"""
     sigma_m: float | None = None
     """how far points were found to be from the surface, where that is not about `cloud.sigma_mm`"""
 
-    def sharpened(
-        self, model: ArticulatedModel, bones: BonePoses, usual_m: float
-    ) -> CloudObservation:
+    @property
+    def surface(self) -> MetaballSurface:
+        """The merged surface that distances are measured to."""
+        return fitted_surface(self.model, self.settings.cloud)
+
+    def sharpened(self, bones: BonePoses) -> CloudObservation:
         """Return the same points, taken as exactly as they are found to lie on the surface of a solved pose.
 
         What is usual is mostly the misfit of a hand that is not made of ellipsoids; of one that fits better, more is known, and of a
         sensor that errs by more less. Fewer patches than freedoms tell nothing: the hand can be bent to meet them all.
         """
-        few = self.share * self.prepared.count < len(model.transform.names)
+        few = self.share * self.prepared.count < len(self.model.transform.names)
         if few or self.settings.traits.plain_sums:
             return self
-        off = np.abs(fitted_surface(model, self.settings.cloud).distance(bones, self.prepared.rows))
+        usual_m = self.settings.cloud.sigma_mm * _MM
+        off = np.abs(self.surface.distance(bones, self.prepared.rows))
         off = off[off < _EMPTY_FAR_M]  # other things may stand beside a hand
         if not len(off):
             return self
@@ -80,14 +85,15 @@ class CloudObservation:
         usual = _BETTER * usual_m <= found <= usual_m / _BETTER
         return self if usual else replace(self, sigma_m=found)
 
-    def as_seen_at(self, model: ArticulatedModel, bones: BonePoses) -> CloudObservation:
+    def as_seen_at(self, bones: BonePoses) -> CloudObservation:
         """Return the same points, asking of the model what is in view at another pose.
 
         A finger that folds behind the palm leaves the view; asked for where it was in view, it could never fold.
         """
         if self.emptiness is None:
             return self
-        mesh, asked = _mesh(model, self.settings.cloud), _asked(self.views, self.settings.traits)
+        model, traits = self.model, self.settings.traits
+        mesh, asked = _mesh(model, self.settings.cloud), _asked(self.views, traits)
         kept = seen_from(*mesh.carried(bones), asked, self.objects)
         bone, local = _on_hand(model, mesh, kept)
         return replace(self, emptiness=replace(self.emptiness, bone=bone, local=local))
@@ -134,12 +140,7 @@ def see_cloud(
         emptiness = CloudEmptinessTerm(distances, *_on_hand(model, mesh, kept))
     share = 1.0 if traits.plain_sums else min(1.0, patches / len(points))
     return CloudObservation(
-        prepare_cloud(points),
-        share,
-        emptiness,
-        tuple(seen.cloud_views),
-        settings,
-        before,
+        model, settings, prepare_cloud(points), share, emptiness, tuple(seen.cloud_views), before
     )
 
 
@@ -212,9 +213,7 @@ def _patch_area(model: ArticulatedModel) -> float:
     return (CLOUD_PATCH_MM * _MM * model.scale.overall) ** 2
 
 
-def cloud_terms(
-    seen: CloudObservation, model: ArticulatedModel, band_mm: float
-) -> list[ObservationTerm]:
+def cloud_terms(seen: CloudObservation, band_mm: float) -> list[ObservationTerm]:
     """Return E1 and E2 as negative log-likelihoods, robust beyond a few bands; lines of sight where depths are doubted.
 
     E1 and E2 ask after the same error, from either side, so their weights add up to one. A line of sight that meets the
@@ -225,12 +224,12 @@ def cloud_terms(
         rays = CloudRaysTerm(
             seen.prepared.rows,
             _eye(seen.views),
-            fitted_surface(model, chosen),
+            seen.surface,
             along_m=max(_SIGMA_BANDS * band_mm, chosen.sigma_mm) * _MM,
             weight=2.0 * chosen.balance * chosen.weight * seen.share,
         )
         empty = 2.0 * (1.0 - chosen.balance)
-        return [rays, *_empty(seen, model, _AS_OFTEN_AS_NOT, empty)]
+        return [rays, *_empty(seen, _AS_OFTEN_AS_NOT, empty)]
     robust: Loss = geman_mcclure(
         max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0)
     )
@@ -239,26 +238,21 @@ def cloud_terms(
         robust = far = quadratic()
     points = CloudDistanceTerm(
         seen.prepared,
-        fitted_surface(model, chosen),
+        seen.surface,
         sigma_m=seen.sigma_m or sigma_m,
         loss=robust,
         weight=chosen.balance * chosen.weight * seen.share,
     )
-    return [points, *_empty(seen, model, far, 1.0 - chosen.balance)]
+    return [points, *_empty(seen, far, 1.0 - chosen.balance)]
 
 
-def _empty(
-    seen: CloudObservation,
-    model: ArticulatedModel,
-    loss: Loss,
-    weight: float,
-) -> list[ObservationTerm]:
+def _empty(seen: CloudObservation, loss: Loss, weight: float) -> list[ObservationTerm]:
     """Return E2, or nothing where only the cloud's side is asked for."""
     if seen.emptiness is None:
         return []
     settings = seen.settings
     plain = settings.traits.plain_sums
-    share = 1.0 if plain else min(1.0, _CELL_AREA / _patch_area(model))
+    share = 1.0 if plain else min(1.0, _CELL_AREA / _patch_area(seen.model))
     term = replace(
         seen.emptiness,
         slack_m=0.0 if plain else seen.emptiness.slack_m,
@@ -284,14 +278,14 @@ class Agreement:
         return 2.0 * self.explained * self.measured / max(self.explained + self.measured, 1e-9)
 
 
-def agreement(seen: CloudObservation, model: ArticulatedModel, bones: BonePoses) -> Agreement:
+def agreement(seen: CloudObservation, bones: BonePoses) -> Agreement:
     """Return how well cloud and model agree at a pose.
 
     It does not ask how sure the fingers are: those of a fist are hidden even from the best sensor. What is asked is
     whether that was measured which could be.
     """
     points = seen.prepared.rows
-    off = np.abs(fitted_surface(model, seen.settings.cloud).distance(bones, points))
+    off = np.abs(seen.surface.distance(bones, points))
     measured, term = np.nan, seen.emptiness  # of the hand alone
     if term is not None and len(term.bone):
         distances = term.distances
