@@ -104,6 +104,10 @@ class Camera:
         """Return how many pixels a metre is at depths [m] of any shape; what is nearer than 5 cm, or behind, counts as 5 cm."""
         return self.focal_px / np.maximum(np.asarray(depth, float), _LEAST_DEPTH_M)
 
+    def pixels_per_m_at(self, points: Floats[*Axes, D3]) -> Floats[*Axes]:
+        """Return the same at world points [m]."""
+        return self.pixels_per_m(self.to_camera(points)[..., 2])
+
     def project(self, points_world: Floats[*Axes, D3]) -> Floats[*Axes, D2]:
         """Return the pixels of world points [m], with distortion.
 

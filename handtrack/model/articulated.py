@@ -183,6 +183,10 @@ class ArticulatedModel:
         """Return the joint parameters of solver parameters."""
         return self.transform.joint_params(params)
 
+    def solver_params(self, joint_params: Floats[S]) -> Floats[P]:
+        """Return the solver parameters of joint parameters, the nearest that the coupling allows."""
+        return self.transform.solver_params(joint_params)
+
     def bones(self, params: Floats[P]) -> BonePoses:
         """Return the bones' poses for solver parameters."""
         return kinematics.bone_poses(self.skeleton, self.joint_params(params))
@@ -237,7 +241,7 @@ class ArticulatedModel:
 
     def rest_params(self) -> Floats[P]:
         """Return the solver parameters of the relaxed pose at the world's origin."""
-        return self.transform.solver_params(self.rest)
+        return self.solver_params(self.rest)
 
     def joint_positions(self, bones: BonePoses) -> Floats[J, D3]:
         """Return the named joints and fingertips, world [m]."""

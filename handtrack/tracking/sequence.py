@@ -60,7 +60,7 @@ def tracked_by_new_share(
     if settings.tracker.hypotheses < 2 or settings.traits.closest_prior:
         return tracked
     posed = [result for result in tracked if result.status != Status.LOST]
-    poses = np.array([model.transform.solver_params(r.parameters) for r in posed])
+    poses = np.array([model.solver_params(r.parameters) for r in posed])
     frames = [result.frame for result in posed]
     around = dict(zip(frames, poses, strict=True))
     share = new_share(Evidence(model, settings, observe, around, 1.0), frames, poses)
@@ -128,13 +128,14 @@ def track_frames(
     done: what `control.on_step` was told of the same tracking before it was stopped. It goes on where these end, as it
     would have; they are not yielded again.
     """
-    control = _shown_within(frames, control)
+    if (show := control.on_provisional) is not None:
+        control = replace(control, on_provisional=lambda r: r.frame in frames and show(r))
     known = {step.result.frame: step for step in done}
     forward = range(start_frame, max(frames.stop, start_frame + 1))
     backward = range(start_frame - 1, frames.start - 1, -1)
     begun: list[Step] = []
     for path in (forward, backward):
-        steps = [*begun, *_already(known, path)]
+        steps = [*begun, *(known[frame] for frame in takewhile(known.__contains__, path))]
         state = TrackerState.beginning_at(start_params)
         if steps:
             state = _state_after(steps, tracker, observe)
@@ -149,19 +150,6 @@ def track_frames(
         if control.should_stop():
             return
         begun = steps[:1]
-
-
-def _shown_within(frames: range, control: Control) -> Control:
-    """Return the control, shown only what is yielded too."""
-    show = control.on_provisional
-    if show is None:
-        return control
-    return replace(control, on_provisional=lambda result: result.frame in frames and show(result))
-
-
-def _already(known: Mapping[int, Step], path: range) -> list[Step]:
-    """Return the steps along a path that were made before, up to the first that was not."""
-    return [known[frame] for frame in takewhile(known.__contains__, path)]
 
 
 def _state_after(steps: Sequence[Step], tracker: Tracker, observe: Observe) -> TrackerState:

@@ -99,7 +99,7 @@ class Tracker:
         expected = self._expected(state, frame)
         if expected is None or looks_everywhere(state.results):
             return None
-        return self.model.bones(self.model.transform.solver_params(expected))
+        return self.model.bones(self.model.solver_params(expected))
 
     def with_custom_terms(self, observation: Observation) -> Observation:
         """Return what was seen of a frame, together with the caller's own terms."""
@@ -129,7 +129,7 @@ class Tracker:
                     f"frame {observation.frame}: the tracker has no pose to start from. Begin with "
                     "`TrackerState.beginning_at(params)`; `find_pose(model, observation)` finds params."
                 )
-            start = self.model.transform.solver_params(expected)
+            start = self.model.solver_params(expected)
         else:
             start = self.model.checked(start, "the pose to start from")
         if self.settings.solver.limits != "none":
@@ -164,7 +164,7 @@ class Tracker:
         """Return a frame's images together with the model as it was found in them; None where images are not looked at."""
         if not self.settings.looks_at_images:
             return None
-        params = self.model.transform.solver_params(result.parameters)
+        params = self.model.solver_params(result.parameters)
         return Before(observation, self.model.bones(params))
 
 

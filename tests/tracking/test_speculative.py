@@ -85,19 +85,19 @@ def test_frames_go_on_while_a_search_runs_and_come_again(monkeypatch):
 
 def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
     path, early = Path(frozenset({3, 5, 40}), frozenset({3, 5, 40})), []
-    searches, begun = [], SpeculativeExecution._begun
+    searches, begun = [], SpeculativeExecution._search
 
-    def noted(*given):
-        searches.append(begun(*given))
-        return searches[-1]
+    def noted(self, frame, *given):
+        begun(self, frame, *given)
+        searches.append(frame.search)
 
-    monkeypatch.setattr(SpeculativeExecution, "_begun", noted)
+    monkeypatch.setattr(SpeculativeExecution, "_search", noted)
 
     def show(result):
         early.append(result.frame)
         if result.frame == 50:
             path.gate.set()
-            searches[-1].done.exception()  # waits
+            searches[-1].exception()  # waits
 
     found = dict(poses(path, 2, monkeypatch, on_provisional=show, waits=False))
     assert early[:51] == list(range(51))

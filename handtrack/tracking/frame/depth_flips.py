@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, J, K, N, P
+from handtrack.arrays import D3, Floats, J, K, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.chains import chains_of
@@ -54,17 +54,17 @@ def mirrored_covariance(terms: FrameTerms, params: Floats[P]) -> Floats[J, D3, D
         others = 1 + np.flatnonzero((limb == one) & np.isfinite(mass[1:]))
         heaviest = others[np.argsort(-mass[others], kind="stable")].tolist()
         rows = list(
-            apart([0, *heaviest], lambda a, rest: _largest(places[rest] - places[a]) > far_m)
+            apart(
+                [0, *heaviest],
+                lambda a, rest: (
+                    np.linalg.norm(places[rest] - places[a], axis=2).max(axis=1) > far_m
+                ),
+            )
         )
         share = np.exp(mass[rows] - mass[rows].max())
         off = places[rows[1:]] - here
         found += np.einsum("k,kja,kjb->jab", share[1:] / share.sum(), off, off)
     return found
-
-
-def _largest(moves: Floats[N, J, D3]) -> Floats[N]:
-    """Return how far the joint goes that goes farthest."""
-    return np.linalg.norm(moves, axis=2).max(axis=1)
 
 
 def apart_m(places: Floats[J, D3]) -> float:

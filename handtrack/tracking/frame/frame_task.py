@@ -104,7 +104,7 @@ class FrameTask:
         if not self.previous or self.expected is None:
             return terms
         last = self.previous[-1]
-        ends = (self.model.transform.solver_params(x) for x in (last.parameters, self.expected))
+        ends = (self.model.solver_params(x) for x in (last.parameters, self.expected))
         velocity = change(*ends) / (self.observation.frame - last.frame)
         seen = self.observation
         return at_camera_times(terms, seen.frames_later, params, velocity, seen.cloud_later)
@@ -123,7 +123,7 @@ class FrameTask:
         """
         seen, cloud, params = self.observation, self.settings.cloud, self.start
         if self.previous:
-            params = self.model.transform.solver_params(self.previous[-1].parameters)
+            params = self.model.solver_params(self.previous[-1].parameters)
         if seen.images and not self.previous:
             judgement = FrameConfidence(Status.DOUBTFUL, Reason("given"))
         elif seen.cloud is not None and cloud.weight > 0:

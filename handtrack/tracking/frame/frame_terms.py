@@ -254,6 +254,11 @@ def frame_terms(
         ]
     cloud = see_cloud(observation, model, start, settings)
     fingers_seen = model.kind == "hand" and bool(prepared or cloud)
+    loss = geman_mcclure(_ON_PURPOSE) if fingers_seen else None
+    prior, smoothing = settings.prior, settings.tracker.smoothing
+    priors = pose_priors(model, np.deg2rad(prior.rest_sigma_deg), prior.posture, loss)
+    if expected is not None and smoothing > 0:
+        priors.append(motion_prior(expected, prior, smoothing, frames_ahead))
     return FrameTerms(
         model,
         settings,
@@ -262,8 +267,8 @@ def frame_terms(
         cloud,
         see_appearance(observation, model, settings, before),
         tuple(keypoints),
-        (*_priors(model, settings, expected, frames_ahead, fingers_seen), *observation.priors),
-        (contact(model),) if settings.prior.collision else (),
+        (*priors, *observation.priors),
+        (contact(model),) if prior.collision else (),
         pin_terms(model, observation),
         tuple(silhouette.off_px for silhouette in weighted),
         observation.terms,
@@ -336,21 +341,6 @@ def by_camera(
         else:
             others.append(term)
     return found, others
-
-
-def _priors(
-    model: ArticulatedModel,
-    settings: TrackerSettings,
-    expected: Floats | None,
-    frames_ahead: int,
-    fingers_seen: bool,
-) -> list[ParameterTerm]:
-    prior, smoothing = settings.prior, settings.tracker.smoothing
-    loss = geman_mcclure(_ON_PURPOSE) if fingers_seen else None
-    terms = pose_priors(model, np.deg2rad(prior.rest_sigma_deg), prior.posture, loss)
-    if expected is not None and smoothing > 0:
-        terms.append(motion_prior(expected, prior, smoothing, frames_ahead))
-    return terms
 
 
 def _pixels_per_m(silhouette: Silhouette, start: BonePoses) -> float:

@@ -76,10 +76,6 @@ def _alternatives(*rows: Array) -> tuple[Alternative, ...]:
     )
 
 
-def _gone(array: Array[F], turn: Floats[D3, D3]) -> None:
-    """Return nothing: that is not said of a turned world."""
-
-
 def _carried(name: str, *axes: str, kind: type = float, missing: object = np.nan) -> Column:
     """Return how a field of Alternative is kept: (F, H, …), `missing` beyond a frame's last pose."""
     return Column(
@@ -87,7 +83,7 @@ def _carried(name: str, *axes: str, kind: type = float, missing: object = np.nan
         ("H", *axes),
         missing,
         gaps="dropped",
-        turned=_gone,
+        turned=lambda array, turn: None,  # that is not said of a turned world
         read=lambda poses: [getattr(p, name) for p in poses],
     )
 

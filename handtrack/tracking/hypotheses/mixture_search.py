@@ -100,23 +100,21 @@ class MixtureObjective:
 
     def minimum(self, candidates: Sequence[Start], iterations: int) -> list[Start]:
         """Descend by the frame's schedule, or, by joints in images alone, by the compiled solver from all starts at once."""
-        groups = [list(group) for _, group in groupby(candidates, key=lambda c: id(c.source))]
-        return [found for group in groups for found in self._minima(group)]
+        found: list[Start] = []
+        for _, group in groupby(candidates, key=lambda c: id(c.source)):
+            first, *others = group
+            starts, source = np.array([c.params for c in (first, *others)]), first.source
+            is_far, stop = source.belief is None, self.control.should_stop
+            found += self.weighed(source, minima(source.terms, starts, source.most, stop, is_far))
+        return found
 
-    def _minima(self, group: Sequence[Start]) -> list[Start]:
-        """Return minima with what they weigh.
+    def weighed(self, source: Source, found: Minima) -> list[Start]:
+        """Return the minima that a source's starts led to, with what they weigh.
 
         The mass is exp(−cost) times the prior's normalisation times √det(2π C), what the bell of covariance C around the
         minimum holds (Laplace): a wide minimum of the same cost is more probable than a narrow one. Nothing came before a
         first frame: there costs alone decide.
         """
-        source = group[0].source
-        starts, stop = np.array([c.params for c in group]), self.control.should_stop
-        is_far = source.belief is None
-        return self.weighed(source, minima(source.terms, starts, source.most, stop, is_far))
-
-    def weighed(self, source: Source, found: Minima) -> list[Start]:
-        """Return the minima that a source's starts led to, with what they weigh."""
         known = np.isfinite(found.cost)
         log = np.where(known, source.log_prior - found.cost, -np.inf)
         if source.belief is not None:
@@ -152,9 +150,14 @@ class FirstHypotheses(MixtureObjective):
     """(P,)"""
 
     def headings_at_low_resolution(self, found: Sequence[Start], most: int) -> list[Start]:
-        """Propose the start turned all about the root's own axis, the joints as if seen ten times as coarsely."""
+        """Propose the start turned all about the root's own y axis, since who stands may face anywhere, the joints as if seen ten times as coarsely."""
+        joint = self.model.joint_params(self.start)
+        turns = np.arange(float(most))[:, None] * np.array([0.0, 2.0 * np.pi / most, 0.0])
+        facing = rotation_matrix(joint[3:6]) @ rotation_matrix(turns)
+        rows = np.tile(joint, (most, 1))
+        rows[1:, 3:6] = rotation_vector(facing[1:])
         far = Source("start", self.terms.coarser(_COARSE), most)
-        return self.starts(far, self._turned(most))
+        return self.starts(far, np.array([self.model.solver_params(row) for row in rows]))
 
     def start_and_candidates(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the given start and all candidates so far."""
@@ -165,40 +168,27 @@ class FirstHypotheses(MixtureObjective):
         """Propose the poses of the best minima's interpretation trees, and samples around these minima."""
         if self.reference is None or not self.chains:
             return []
-        source = Source("first tree", self.terms, MIXTURE_DESCENTS)
+        mixture, starts = self.settings.mixture, list[Floats]()
         latest = [c for c in found if c.source is found[-1].source]
-        return self.starts(source, self._trees_of_best(latest, *self.reference, most))
-
-    def _turned(self, ways: int) -> Floats:
-        """Return starts (N, P): the start turned all about the root's own y axis: who stands may face anywhere."""
-        joint = self.model.joint_params(self.start)
-        turns = np.arange(float(ways))[:, None] * np.array([0.0, 2.0 * np.pi / ways, 0.0])
-        facing = rotation_matrix(joint[3:6]) @ rotation_matrix(turns)
-        rows = np.tile(joint, (ways, 1))
-        rows[1:, 3:6] = rotation_vector(facing[1:])
-        return np.array([self.model.transform.solver_params(row) for row in rows])
-
-    def _trees_of_best(
-        self, found: Sequence[Start], camera: Camera, joints: Floats[J, D2] | None, most: int
-    ) -> Floats:
-        """Return starts (N, P): leaves of the whole body's tree at a few of the best minima, and samples around them."""
-        mixture, starts = self.settings.mixture, []
-        params, costs = np.array([c.params for c in found]), np.array([c.cost for c in found])
+        params, costs = np.array([c.params for c in latest]), np.array([c.cost for c in latest])
         for row in distinct(params, costs)[:most]:
-            here, normal = params[row], found[row].normal
+            here, normal = params[row], latest[row].normal
             assert normal is not None
-            tree = interpretation_tree(
-                self.model, here, self.chains, camera, joints, True, self.rng
-            )
-            leaves = tree.params
+            leaves = interpretation_tree(
+                self.model, here, self.chains, *self.reference, True, self.rng
+            ).params
             if len(leaves) > _LEAVES:
                 leaves = leaves[self.rng.choice(len(leaves), _LEAVES, replace=False)]
-            spread = covariance(normal)[0]
             around = covariance_scaled(
-                here, spread, mixture.scale, mixture.draws // 2, self.rng.standard_normal
+                here,
+                covariance(normal)[0],
+                mixture.scale,
+                mixture.draws // 2,
+                self.rng.standard_normal,
             )
             starts += [here[None], leaves, projected(self.model, around)]
-        return np.concatenate(starts)
+        source = Source("first tree", self.terms, MIXTURE_DESCENTS)
+        return self.starts(source, np.concatenate(starts))
 
 
 @array_dataclass
@@ -209,6 +199,10 @@ class Component:
     terms: FrameTerms
     """what the frame costs, without any pull to the expected pose"""
     weight: float
+
+    @property
+    def log_weight(self) -> float:
+        return float(np.log(max(self.weight, _WEIGHTLESS)))
 
 
 @array_dataclass
@@ -239,22 +233,15 @@ class NextHypotheses(MixtureObjective):
         return JUMP_SHARE if self.chains and self.reference is not None else 0.0
 
     def _followed(self, i: int) -> list[Start]:
-        component = self.components[i]
+        component, most = self.components[i], max(MIXTURE_DESCENTS // len(self.components), 2)
         belief = component.belief
         if self.settings.traits.closest_prior:
-            most = max(MIXTURE_DESCENTS // len(self.components), 2)
             source = Source("followed", component.terms, most, belief, i)
             return self.starts(source, belief.mean[None])
-        log = np.log1p(-self._jump_share) + np.log(max(component.weight, _WEIGHTLESS))
+        log = np.log1p(-self._jump_share) + component.log_weight
         log += log_normal(belief.place_covariance)
-        source = Source(
-            "followed",
-            pulled(self.model, component.terms, belief, ()),
-            max(MIXTURE_DESCENTS // len(self.components), 2),
-            belief,
-            i,
-            float(log),
-        )
+        terms = pulled(self.model, component.terms, belief, ())
+        source = Source("followed", terms, most, belief, i, float(log))
         # where a limb passes through the image plane, its flips are near enough to need no jump
         nearby = [params for (at, _), params in self._leaves.items() if at == i]
         return self.starts(source, np.concatenate([belief.mean[None], *nearby]))
@@ -271,7 +258,7 @@ class NextHypotheses(MixtureObjective):
         others = np.setdiff1d(np.arange(len(names)), columns)
         known = belief.place_covariance[np.ix_(others, others)]
         log = float(np.log(self._jump_share * max(self._votes[i][c], _WEIGHTLESS)))
-        log += np.log(max(component.weight, _WEIGHTLESS)) + log_normal(known)
+        log += component.log_weight + log_normal(known)
         log -= float(np.log(ranges).sum())
         spread = np.zeros(len(names))
         spread[columns] = ranges / np.sqrt(12.0)
@@ -312,7 +299,7 @@ class NextHypotheses(MixtureObjective):
         for row in params:
             row[3:6] = closest_equivalent(row[3:6], belief.mean[3:6])
         height, distance = long_tailed(belief.mean, belief.place_covariance, params)
-        return np.log(max(component.weight, _WEIGHTLESS)) + height, distance
+        return component.log_weight + height, distance
 
     @cached_property
     def _votes(self) -> list[Floats]:

@@ -12,7 +12,7 @@ from handtrack.observation.observation import Observation
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.engine import Candidate, Search, run_rounds
+from handtrack.tracking.search.engine import Candidate, run_rounds
 from handtrack.tracking.search.evidence.hand_shapes import hand_shapes
 from handtrack.tracking.search.global_search import (
     FIRST_POSE,
@@ -60,6 +60,7 @@ def auto_start(
     search = GIVEN_JOINTS if found else FIRST_POSE
     control = Control() if should_stop is None else Control(should_stop)
     tell(0.0, "looking for the hand")
+    count = len(search.rounds)
     objective = GlobalObjective.of(seen, settings)
     if objective is None:
         return []
@@ -69,14 +70,10 @@ def auto_start(
         resize=resize,
         control=control,
     )
-    done = run_rounds(search, objective, found, on_round=_telling(search, tell))
+    done = run_rounds(
+        search, objective, found, lambda n, tried: tell(n / count, f"{tried} poses are tried")
+    )
     return _compared(objective, done, size_sigma, search.most)
-
-
-def _telling(search: Search, tell: Progress) -> Callable[[int, int], None]:
-    """Return what tells the progress of a search: round, and how many poses are tried in it."""
-    count = len(search.rounds)
-    return lambda number, tried: tell(number / count, f"{tried} poses are tried")
 
 
 def _compared(

@@ -55,7 +55,7 @@ def solve_frame(task: FrameTask) -> Solved:
         doubted, is_poor = solve_doubted(task, terms, params)
         if is_poor:
             return doubted
-        params = task.model.transform.solver_params(doubted.result.parameters)
+        params = task.model.solver_params(doubted.result.parameters)
     found, problem, search_due = _descended(task, terms, params)
     poor = poor_agreement(terms, found.params, POOR)
     if poor is not None:
@@ -154,15 +154,15 @@ def solve_doubted(
     if last and last[0].status == Status.LOST:
         cautious = replace(cautious, belief=None)
     if kind == "auto":
-        start = model.transform.solver_params(last[0].parameters) if last else params
+        start = model.solver_params(last[0].parameters) if last else params
         solved, origin = solve_frame(_started(cautious, start)), "depths doubted"
     else:
         joint = last[0].parameters if last else model.joint_params(params)
         few, start, whole = simplified(model, joint, kind)
         found = solve_frame(_started(_simpler(cautious, few, start, whole), start)).result
-        shown = whole(few.transform.solver_params(found.parameters))
+        shown = whole(few.solver_params(found.parameters))
         solved, origin = Solved(_in_whole(model, found, shown)), kind
-    pose = model.transform.solver_params(solved.result.parameters)
+    pose = model.solver_params(solved.result.parameters)
     least = GOOD if poor is None else POOR
     poor = poor or poor_agreement(terms, pose, least)
     why = "cloud and hand agree again after a poor frame"
@@ -229,7 +229,7 @@ def simplified(
         held[:6] = few.joint_params(params)[:6]
         return held
 
-    return few, carried_over(model, model.transform.solver_params(joint), few), whole
+    return few, carried_over(model, model.solver_params(joint), few), whole
 
 
 def _started(task: FrameTask, params: Floats) -> FrameTask:
@@ -251,7 +251,7 @@ def _in_whole(model: ArticulatedModel, found: FrameResult, joint: Floats[S]) -> 
     joint[3:6] = wrapped(joint[3:6])
     std = np.full(len(joint), np.inf)
     std[:6] = found.parameter_std[:6]
-    bones, jacobian, _ = model.linearize(model.transform.solver_params(joint))
+    bones, jacobian, _ = model.linearize(model.solver_params(joint))
     limits = model.limits.bounds(joint)
     spread = np.zeros(len(joint))
     spread[6:] = np.diff(limits[6:], axis=1)[:, 0] ** 2 / 12.0  # anywhere between them

@@ -260,12 +260,17 @@ def finger_bends(
 def finger_swaps(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose the best pose with two neighbouring fingers exchanged."""
-    return [
-        replace(best, params=x, origin="finger swaps", cost=0.0)
-        for best in _best(found)
-        for x in swapped_fingers(best.model, best.params)
-    ]
+    """Propose the best pose with two neighbouring fingers exchanged, each pair but the thumb's."""
+    swapped = []
+    for best, pair in product(_best(found), pairwise(FINGERS[1:])):
+        model, joint = best.model, best.model.joint_params(best.params)
+        one, other = (
+            [model.skeleton.parameter(f"{finger}_{name}") for name in _FREEDOMS] for finger in pair
+        )
+        joint[one], joint[other] = joint[other], joint[one]
+        params = model.clipped(model.solver_params(joint))
+        swapped.append(replace(best, params=params, origin="finger swaps", cost=0.0))
+    return swapped
 
 
 def best_again(
@@ -365,7 +370,7 @@ def _solved(objective: GlobalObjective, candidate: Candidate, fingers: bool) -> 
     model, control = candidate.model, replace(objective.control, on_iteration=None)
     start = model.clipped(candidate.params)
     solved = solve_frame(FrameTask(model, settings, objective.seen, start, control=control))
-    params = model.transform.solver_params(solved.result.parameters)
+    params = model.solver_params(solved.result.parameters)
     return objective.measured(replace(candidate, params=params, solved=solved))
 
 
@@ -431,20 +436,7 @@ def bent_fingers(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
         joint = model.joint_params(params)
         for at, end in zip(bends, way, strict=True):
             joint[at] = end[at]
-        poses.append(model.clipped(model.transform.solver_params(joint)))
-    return poses
-
-
-def swapped_fingers(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
-    """Return solver parameters of a pose with two neighbouring fingers exchanged, each pair but the thumb's."""
-    poses = []
-    for pair in pairwise(FINGERS[1:]):
-        joint = model.joint_params(params)
-        one, other = (
-            [model.skeleton.parameter(f"{finger}_{name}") for name in _FREEDOMS] for finger in pair
-        )
-        joint[one], joint[other] = joint[other], joint[one]
-        poses.append(model.clipped(model.transform.solver_params(joint)))
+        poses.append(model.clipped(model.solver_params(joint)))
     return poses
 
 

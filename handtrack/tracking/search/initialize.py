@@ -45,14 +45,14 @@ def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats[S
     joint = posture.copy()
     joint[:6] = 0.0
     joint = np.clip(joint, model.limits.interval[:, 0], model.limits.interval[:, 1])
-    bones = model.bones(model.transform.solver_params(joint))
+    bones = model.bones(model.solver_params(joint))
     known = np.isfinite(seen.positions).all(axis=1)
     source = model.joint_positions(bones)[indices(model.joint_names, seen.names)][known]
     target = seen.positions[known]
     turn = turn_between(source - source.mean(axis=0), target - target.mean(axis=0))
     joint[3:6] = rotation_vector(turn)
     joint[:3] = target.mean(axis=0) - turn @ source.mean(axis=0)
-    return model.transform.solver_params(joint)
+    return model.solver_params(joint)
 
 
 def carried_over(source: ArticulatedModel, params: Floats[P], model: ArticulatedModel) -> Floats[P]:
@@ -64,7 +64,7 @@ def carried_over(source: ArticulatedModel, params: Floats[P], model: Articulated
     joint = [
         given.get(name, rest) for name, rest in zip(model.parameter_names, model.rest, strict=True)
     ]
-    return model.clipped(model.transform.solver_params(np.array(joint)))
+    return model.clipped(model.solver_params(np.array(joint)))
 
 
 def fit_scale(build: Callable[[HandScale], ArticulatedModel], seen: Keypoints) -> HandScale:

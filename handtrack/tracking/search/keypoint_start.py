@@ -67,7 +67,8 @@ def triangulated(seen: Sequence[ImageKeypoints], names: Sequence[str]) -> Floats
         rows = [row for row, name in enumerate(names) if name in one.names]
         if rows:
             view[rows] = one.pixels[[one.names.index(names[row]) for row in rows]]
-    allowed = np.array([_allowed(camera.size) for camera in cameras])
+    # detectors err in shares of the image
+    allowed = np.array([max(_OFF_PX, _OFF_SHARE * max(camera.size)) for camera in cameras])
     while True:
         points = lines_meet(cameras, pixels, _LEAST_ANGLE)
         off = missed_px(cameras, pixels, points) / allowed[:, None]
@@ -183,11 +184,6 @@ def hands_from_images(model: ArticulatedModel, seen: Sequence[ImageKeypoints]) -
     ]
 
 
-def _allowed(size: tuple[int, int]) -> float:
-    """Return how far a line of sight may miss a point [px]: detectors err in shares of the image."""
-    return max(_OFF_PX, _OFF_SHARE * max(size))
-
-
 def _placed(model: ArticulatedModel, seen: ImageKeypoints) -> list[tuple[Floats, float]]:
     """Return starts (P,) before a camera, each with how far off the joints are there (sum of squares) [px²].
 
@@ -202,7 +198,7 @@ def _placed(model: ArticulatedModel, seen: ImageKeypoints) -> list[tuple[Floats,
     near, far = (share * model_length(model) for share in (_NEAREST, _FARTHEST))
     found: list[tuple[Floats, float]] = []
     for joint in _postures(model):
-        bones = model.bones(model.transform.solver_params(joint))
+        bones = model.bones(model.solver_params(joint))
         shape = model.joint_positions(bones)[index] - joint[:3]
         turned = np.einsum("ij,rjk,nk->rni", camera.rotation, rotations, shape)
         for rotation, points in zip(rotations, turned, strict=True):
@@ -217,7 +213,7 @@ def _placed(model: ArticulatedModel, seen: ImageKeypoints) -> list[tuple[Floats,
             off = (there[:, :2] / there[:, 2:] - rays) * np.diag(camera.matrix)[:2]
             joint[3:6] = rotation_vector(rotation)
             joint[:3] = camera.rotation.T @ (place - camera.translation)
-            start = model.clipped(model.transform.solver_params(joint))
+            start = model.clipped(model.solver_params(joint))
             found.append((start, float((off**2).sum())))
     if not found:
         raise HandtrackError(

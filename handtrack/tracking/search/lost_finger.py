@@ -202,7 +202,7 @@ def finger_shifts(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]
         joint = model.joint_params(params)
         joint[:3] += side * sideways * (1.0 if model.side == "right" else -1.0)
         for posture in (handed_on(model, joint, side), joint):
-            starts.append(model.clipped(model.transform.solver_params(posture)))
+            starts.append(model.clipped(model.solver_params(posture)))
     return starts
 
 
@@ -233,4 +233,4 @@ def _placements(model: ArticulatedModel, params: Floats, part: str) -> Iterator[
     for place in places:
         trial = joint.copy()
         trial[at] = low + np.array(place) * (high - low)
-        yield model.clipped(model.transform.solver_params(trial))
+        yield model.clipped(model.solver_params(trial))

@@ -32,7 +32,7 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     why = why_hand_may_be_lost(result, task.previous)
     if not why or not model.has_keypoints21:
         return solved
-    params = model.transform.solver_params(result.parameters)
+    params = model.solver_params(result.parameters)
     bones = model.bones(params)
     if is_where_joints_are(frame_terms(model, task.settings, task.observation, bones), bones):
         return solved
@@ -44,7 +44,7 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
 
     known = [r for r in task.previous if r.status != Status.LOST and np.isfinite(r.energy)]
     last = known[-1] if known else task.previous[-1]
-    middle = palm_middle(model, model.transform.solver_params(last.parameters))
+    middle = palm_middle(model, model.solver_params(last.parameters))
     reach = _NEAR_M + _SPEED_M * abs(task.observation.frame - last.frame)
     # of a lost hand nobody knows how far it went: it is looked for everywhere
     is_lost = result.status == Status.LOST
@@ -79,7 +79,7 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
 def _judged(task: FrameTask, solved: Solved) -> Solved:
     """Return a result with its status judged beside the frames before it."""
     model, result = task.model, solved.result
-    bones = model.bones(model.transform.solver_params(result.parameters))
+    bones = model.bones(model.solver_params(result.parameters))
     terms = frame_terms(model, task.settings, task.observation, bones)
     status, reason = assess(terms, bones, result.energy, task.previous)
     was_open = result.reason_kind == "open"

@@ -103,7 +103,7 @@ def _doubted(
 
     Of a joint, alternatives that leave it where it is say nothing: P = w / (w of its own pose and of those that move it).
     """
-    poses = [model.bones(model.transform.solver_params(one.parameters)) for one in others]
+    poses = [model.bones(model.solver_params(one.parameters)) for one in others]
     off = np.array([model.joint_positions(bones) for bones in poses]) - result.joint_positions
     far_m = np.linalg.norm(off, axis=2)
     weight = np.array([one.weight for one in others])[:, None] * (far_m > APART_M)

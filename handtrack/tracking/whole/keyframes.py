@@ -51,7 +51,7 @@ def with_keyframes(
         for frame, pose in held.items()
     }
     numbers = sorted(known | posed)
-    around = {n: model.transform.solver_params(known[n].parameters) for n in known}
+    around = {n: model.solver_params(known[n].parameters) for n in known}
     given = {**held, **{n: pose for n, pose in pinned.items() if n in known}}
     found = {n: (n, pose) for n, pose in given.items() if n not in held}
     for frame, pose in (given if new is None else new).items():

@@ -193,7 +193,7 @@ class ModeSearch:
                 first = self._descended(n, pose, False, "depths believed") or first
             self.minima.append([first])
             for other in self.tracked[n].alternatives[1:]:
-                params = self.evidence.model.transform.solver_params(other.parameters)
+                params = self.evidence.model.solver_params(other.parameters)
                 self._add(n, self._minimum(n, params, other.origin))
         firm = np.array([result.status != Status.LOST for result in self.tracked])
         doubted = self._doubted()

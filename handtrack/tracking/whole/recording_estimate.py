@@ -106,11 +106,6 @@ class RecordingEstimate:
     def duration_s(self) -> float:
         return self.evidence.seconds * len(self.tracked)
 
-    @property
-    def lets_joints_go(self) -> bool:
-        """Whether detected joints far off the model are let go at the end; a body's never are: one descent finds all."""
-        return self.evidence.wide
-
 
 Pass = Callable[[RecordingEstimate], RecordingEstimate | None]
 """None: stopped"""
@@ -152,7 +147,7 @@ def refine(recording: Recording, tracked: Sequence[FrameResult]) -> list[FrameRe
 
 def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> RecordingEstimate:
     """Return where the estimate begins: tracked poses, and between them straight on where the hand was lost."""
-    solver_params = recording.model.transform.solver_params
+    solver_params = recording.model.solver_params
     lost = frozenset(r.frame for r in tracked if r.status == Status.LOST)
     numbers = [result.frame for result in tracked]
     found = [n for n, number in enumerate(numbers) if number not in lost]
@@ -187,7 +182,7 @@ def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate | None:
         {numbers[n]: poses[n] for n in changed}, estimate.evidence.silent & bridged, frozenset(numbers[n] for n in poor)
     )  # fmt: skip
     for n in poor:
-        before = evidence.model.transform.solver_params(tracked[n].parameters)
+        before = evidence.model.solver_params(tracked[n].parameters)
         poses[n] = min(poses[n], before, key=lambda pose: evidence.of(numbers[n]).at(pose).cost)
     return replace(estimate, evidence=evidence, poses=poses, trellis=trellis)
 
@@ -243,7 +238,7 @@ def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
 
 def let_outliers_go(estimate: RecordingEstimate) -> RecordingEstimate | None:
     """Return the estimate once detected joints far off the model no longer pull, cameras standing where they were found."""
-    if not estimate.lets_joints_go:
+    if not estimate.evidence.wide:  # a body's are never let go: one descent finds all
         return estimate
     found, control = estimate.solved, estimate.recording.control
     masks = found.shared.through(found.cameras.finding(OUTLINE))
@@ -320,7 +315,7 @@ def refine_near(
     for first, stop in runs(near):
         inside = followed[first:stop]
         numbers = [result.frame for result in inside]
-        poses = np.array([model.transform.solver_params(r.parameters) for r in inside])
+        poses = np.array([model.solver_params(r.parameters) for r in inside])
         around = dict(zip(numbers, poses, strict=True))
         evidence = Evidence(model, recording.settings, recording.observe, around, seconds)
         stop_asked = recording.control.should_stop

@@ -83,10 +83,11 @@ def _flipped(
     hypothesis: TrajectoryHypothesis, frames: Sequence[int], camera: Camera, control: Control
 ) -> Iterator[TrajectoryHypothesis]:
     """Yield the hypothesis with one limb on the other side of where it was, refined."""
+    evidence = hypothesis.evidence
     for name, poses in _trials(hypothesis, camera):
-        yield from _refined(
-            hypothesis.evidence, frames, poses, f"{hypothesis.origin}, {name} flipped", control
-        )
+        found = estimate_whole(evidence, frames, poses, control.should_stop, sweeps=_SWEEPS)
+        if found is not None:
+            yield TrajectoryHypothesis(found, evidence, f"{hypothesis.origin}, {name} flipped")
 
 
 def _trials(hypothesis: TrajectoryHypothesis, camera: Camera) -> Iterator[tuple[str, Floats[F, P]]]:
@@ -126,11 +127,3 @@ def _unlike(hypotheses: Sequence[TrajectoryHypothesis]) -> list[TrajectoryHypoth
         return moved > apart_m(places[row, 0])
 
     return [hypotheses[row] for row in apart(range(len(hypotheses)), differ)]
-
-
-def _refined(
-    evidence: Evidence, frames: Sequence[int], poses: Floats[F, P], origin: str, control: Control
-) -> Iterator[TrajectoryHypothesis]:
-    found = estimate_whole(evidence, frames, poses, control.should_stop, sweeps=_SWEEPS)
-    if found is not None:
-        yield TrajectoryHypothesis(found, evidence, origin)

@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, N, P
-from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -89,7 +88,7 @@ def forearm_length(
         wide = np.linalg.norm(pixel[np.arange(len(end)), end] - pixel[:, 0], axis=1)
         lengths.append(np.where(tells, length, np.nan))
         extents.append(
-            np.where(tells & (length > 0), wide / _pixels_per_m(camera, bones.position[0]), 0.0)
+            np.where(tells & (length > 0), wide / camera.pixels_per_m_at(bones.position[0]), 0.0)
         )
     if not lengths or np.isnan(lengths).all():
         return np.nan
@@ -158,7 +157,7 @@ def forearm_cut(
     at = camera.project(start.to_world(bone, (end if model.has_forearm else 0.0) * axis))
     across = camera.rotation[:2].T @ (along / long)  # in the world, nearly
     half = np.linalg.norm(np.einsum("eji,j->ei", hand.rotation, across) * hand.radii, axis=1)
-    hand_ends = centre @ along - long * half * _pixels_per_m(camera, hand.centre)
+    hand_ends = centre @ along - long * half * camera.pixels_per_m_at(hand.centre)
     return float(along[0]), float(along[1]), -float(min(along @ at, hand_ends.min()))
 
 
@@ -187,8 +186,3 @@ def _before(camera: Floats, points: Floats, hand: Ellipsoids) -> Array:
     along, long = np.einsum("...ei,ei->...e", way, start), np.einsum("...ei,...ei->...e", way, way)
     off = (start**2).sum(axis=-1) - along**2 / long
     return (off < 1.0).any(axis=-1)
-
-
-def _pixels_per_m(camera: Camera, points: Floats) -> Floats:
-    """Return (...,) how many pixels a metre is at points (..., 3)."""
-    return camera.pixels_per_m(camera.to_camera(points)[..., 2])

@@ -6,9 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, P, R, array_dataclass
+from handtrack.arrays import D3, Floats, Ints, K, M, N, P, R, array_dataclass
 from handtrack.capture.clouds.cloud_filters import thinned
-from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
@@ -111,7 +110,9 @@ class CloudEvidence:
             terms.append(
                 CloudDistanceTerm(cloud, MetaballSurface.of(model), sigma, geman_mcclure(_ROBUST))
             )
-        seen = self._visible(shape, model, params, middle)
+        vertices, normals = shape.mesh.carried(model.bones(params))
+        seen = np.linalg.norm(vertices - middle, axis=1) < shape.reach
+        seen &= seen_from(vertices, normals, self.views) & ~model.is_forearm(shape.mesh.bone)
         terms.append(
             CloudEmptinessTerm(
                 self.distances,
@@ -130,14 +131,6 @@ class CloudEvidence:
         middle = palm_middle(shape.model, params)
         near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
         return float(near.sum() * self.area / (0.5 * PIECE_M**2))
-
-    def _visible(
-        self, shape: HandShape, model: ArticulatedModel, params: Floats, middle: Floats
-    ) -> Array:
-        bones = model.bones(params)
-        points, normals = shape.mesh.carried(bones)
-        near = np.linalg.norm(points - middle, axis=1) < shape.reach
-        return seen_from(points, normals, self.views) & near & ~model.is_forearm(shape.mesh.bone)
 
 
 def cloud_evidence(

@@ -73,7 +73,7 @@ class HandShape:
         joint = self.joint.copy()
         joint[3:6] = rotation_vector(rotation)
         joint[:3] = place - rotation @ self.middle
-        return self.model.clipped(self.model.transform.solver_params(joint))
+        return self.model.clipped(self.model.solver_params(joint))
 
 
 @lru_cache(maxsize=4)
@@ -111,7 +111,7 @@ def shape_of(model: ArticulatedModel, joint: Floats[S], posture: str) -> HandSha
     """Return the shape of joint parameters, whatever their root; posture: what it is called."""
     joint = joint.copy()
     joint[:6] = 0.0
-    params = model.clipped(model.transform.solver_params(joint))
+    params = model.clipped(model.solver_params(joint))
     bones = model.bones(params)
     middle = palm_middle(model, params)
     reach = REACH_M * model.scale.overall

@@ -160,7 +160,14 @@ class SilhouetteEvidence:
     @cached_property
     def _pictures(self) -> tuple[Array, Ints]:
         """Return distances to the masks (C, H, W) [px] and how many columns and rows of each count (C, 2)."""
-        far = [_outside(s)[::_STEP_PX, ::_STEP_PX] for s in self._scored]
+        from scipy.ndimage import distance_transform_edt
+
+        far = [
+            np.where(s.known, np.asarray(distance_transform_edt(s.mask <= 0.5)), 0.0)[
+                ::_STEP_PX, ::_STEP_PX
+            ]
+            for s in self._scored
+        ]
         sizes = np.array([[f.shape[1], f.shape[0]] for f in far], np.int64)
         whole = np.zeros((len(far), sizes[:, 1].max(), sizes[:, 0].max()), np.float32)
         for i, f in enumerate(far):
@@ -219,7 +226,7 @@ class SilhouetteEvidence:
             boxed = _boxed(silhouette, middle[None] if palms is None else palms, shape.reach)
             if boxed is None:
                 continue
-            metre = silhouette.camera.focal_px / float(silhouette.camera.to_camera(middle)[2])
+            metre = float(silhouette.camera.pixels_per_m_at(middle))
             band = max(band_m * metre, 1.0)
             sigma = _SIGMA_BANDS * band_m * metre
             near.append(prepare(boxed))
@@ -238,7 +245,7 @@ class SilhouetteEvidence:
         for silhouette in self.whole:
             boxed = _boxed(silhouette, middle[None], shape.reach)
             if boxed is not None:
-                metre = silhouette.camera.focal_px / float(silhouette.camera.to_camera(middle)[2])
+                metre = float(silhouette.camera.pixels_per_m_at(middle))
                 count += boxed.outline_px / (metre * PIECE_M)
         return count
 
@@ -257,8 +264,7 @@ def silhouette_evidence(silhouettes: Sequence[Silhouette]) -> SilhouetteEvidence
 def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:
     """Return the silhouette with several pixels merged into one, about _PIXEL_M large at `middle` (3,)."""
     camera = silhouette.camera
-    depth = max(float(camera.to_camera(middle)[2]), 0.05)
-    merged = min(max(1, round(_PIXEL_M * camera.focal_px / depth)), *camera.size)
+    merged = min(max(1, round(_PIXEL_M * float(camera.pixels_per_m_at(middle)))), *camera.size)
     if merged == 1:
         return silhouette
     width, height = camera.size[0] // merged, camera.size[1] // merged
@@ -295,11 +301,3 @@ def _boxed(silhouette: Silhouette, palms: Floats[M, D3], reach: float) -> Silhou
         return None
     valid = np.where(seen[:, None], np.stack([low, high], axis=1), 0).astype(np.int32)
     return Silhouette(camera, silhouette.mask, valid)
-
-
-def _outside(silhouette: Silhouette) -> Array:
-    """Return (H, W) float32 distance to the mask [px], 0 where nothing is known."""
-    from scipy.ndimage import distance_transform_edt
-
-    far = np.asarray(distance_transform_edt(silhouette.mask <= 0.5), np.float32)
-    return np.where(silhouette.known, far, np.float32(0.0))
