@@ -125,13 +125,12 @@ class FrameTask:
         if self.previous:
             params = self.model.solver_params(self.previous[-1].parameters)
         if seen.images and not self.previous:
-            judgement = FrameConfidence(Status.DOUBTFUL, Reason("given"))
+            status, reason = Status.DOUBTFUL, Reason("given")
         elif seen.cloud is not None and cloud.weight > 0:
-            reason = Reason("cloud elsewhere", number=cloud.crop_mm)
-            judgement = FrameConfidence(Status.LOST, reason)
+            status, reason = Status.LOST, Reason("cloud elsewhere", number=cloud.crop_mm)
         else:
-            judgement = FrameConfidence(Status.LOST, Reason("unseen"))
-        return Solved(posed_result(self.model, seen, params, judgement))
+            status, reason = Status.LOST, Reason("unseen")
+        return Solved(posed_result(self.model, seen, params, FrameConfidence(status, reason)))
 
     def solved(
         self,

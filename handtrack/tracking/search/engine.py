@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from itertools import groupby
 from typing import Any, Protocol, TypeVar
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from handtrack.arrays import D3, D21, Floats, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.parallel import in_parallel
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import Solved
 from handtrack.tracking.frame.result import FrameResult
@@ -75,6 +77,18 @@ Proposer = Callable[[Any, Sequence[Any], int], list[Any]]
 """(objective, candidates so far, how many at most; 0: all) → new candidates"""
 Fitter = Callable[[Any, Sequence[Any], int], list[Any]]
 """(objective, candidates, iterations) → the candidates improved, with new costs; fewer when stopped"""
+
+
+def each(fit: Callable[[Any, C, int], C]) -> Callable[[Any, Sequence[C], int], list[C]]:
+    """Return a fitter of one candidate after the other, on all cores, until it is stopped."""
+
+    @wraps(fit)
+    def fitted(objective: Any, candidates: Sequence[C], iterations: int) -> list[C]:
+        stop = objective.control.should_stop
+        found = in_parallel(lambda c: None if stop() else fit(objective, c, iterations), candidates)
+        return [c for c in found if c is not None]
+
+    return fitted
 
 
 @dataclass(frozen=True)

@@ -203,15 +203,15 @@ def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
     A velocity from two poor poses would be mostly their errors; a lost finger cannot be looked for, nor a lost hand: among
     wrong points another pose often fits better.
     """
-    cloud = replace(settings.cloud, doubt_depth=True)
-    follow = replace(
-        settings.tracker,
-        prediction="none",
-        escape=False,
-        recovery=False,
+    return settings.with_values(
+        {
+            "cloud.doubt_depth": True,
+            "tracker.prediction": "none",
+            "tracker.escape": False,
+            "tracker.recovery": False,
+            "model.fallback": "none",
+        }
     )
-    calm = replace(settings.model, fallback="none")
-    return replace(settings, model=calm, cloud=cloud, tracker=follow)
 
 
 def simplified(

@@ -6,7 +6,7 @@ tracker fits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import pairwise, product
@@ -30,7 +30,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
-from handtrack.tracking.search.engine import Candidate, Round, Search
+from handtrack.tracking.search.engine import Candidate, Round, Search, each
 from handtrack.tracking.search.evidence.cloud_evidence import CloudEvidence, cloud_evidence
 from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle, shape_of
 from handtrack.tracking.search.evidence.silhouette_evidence import (
@@ -295,63 +295,40 @@ def _best(found: Sequence[Candidate]) -> list[Candidate]:
 # ---- what fits
 
 
-def wide(
-    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int
-) -> list[Candidate]:
+@each
+def wide(objective: GlobalObjective, candidate: Candidate, iterations: int) -> Candidate:
     """Descend on thinned points and pixels with arms of 12 mm."""
-
-    def descended(candidate: Candidate) -> Candidate:
-        moved = _descended(objective, candidate, WIDE_M, iterations)
-        return replace(moved, cost=objective.problem(moved, WIDE_M).cost(moved.params))
-
-    return _each(objective, descended, candidates)
+    moved = _descended(objective, candidate, WIDE_M, iterations)
+    return replace(moved, cost=objective.problem(moved, WIDE_M).cost(moved.params))
 
 
-def narrow(
-    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int
-) -> list[Candidate]:
+@each
+def narrow(objective: GlobalObjective, candidate: Candidate, iterations: int) -> Candidate:
     """Descend with arms of 4 mm."""
-    return _each(
-        objective,
-        lambda c: objective.measured(_descended(objective, c, NARROW_M, iterations)),
-        candidates,
-    )
+    return objective.measured(_descended(objective, candidate, NARROW_M, iterations))
 
 
-def size(
-    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int
-) -> list[Candidate]:
+@each
+def size(objective: GlobalObjective, candidate: Candidate, iterations: int) -> Candidate:
     """Descend with the hand's overall size free."""
-    resize = objective.resize
-    if resize is None:
-        return []
+    assert objective.resize is not None, "nothing is proposed where the size is known"
     exact = [partial(objective.problem, band_m=1e-3 * mm, unbiased=True) for mm in SIZE_BANDS_MM]
     problems = [partial(objective.problem, band_m=WIDE_M), *exact]
-    return _each(objective, lambda c: objective.measured(_sized(c, problems, resize)), candidates)
+    return objective.measured(_sized(candidate, problems, objective.resize))
 
 
-def tracker(
-    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int
-) -> list[Candidate]:
+@each
+def tracker(objective: GlobalObjective, candidate: Candidate, iterations: int) -> Candidate:
     """Solve the frame as tracking does."""
-    return _each(objective, lambda c: _solved(objective, c, False), candidates)
+    return _solved(objective, candidate, {"tracker.escape": False})
 
 
+@each
 def tracker_with_lost_fingers(
-    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int
-) -> list[Candidate]:
+    objective: GlobalObjective, candidate: Candidate, iterations: int
+) -> Candidate:
     """Solve the frame as tracking does, lost fingers looked for."""
-    return _each(objective, lambda c: _solved(objective, c, True), candidates)
-
-
-def _each(
-    objective: GlobalObjective,
-    fit: Callable[[Candidate], Candidate],
-    candidates: Sequence[Candidate],
-) -> list[Candidate]:
-    should_stop = objective.control.should_stop
-    found = in_parallel(lambda c: None if should_stop() else fit(c), candidates)
-    return [c for c in found if c is not None]
+    return _solved(objective, candidate, {})
 
 
 def _descended(
@@ -362,11 +339,9 @@ def _descended(
     return replace(candidate, params=found.params)
 
 
-def _solved(objective: GlobalObjective, candidate: Candidate, fingers: bool) -> Candidate:
-    """Return a candidate where the tracker fits the frame from there, by what is seen alone. fingers: looks for lost ones, too."""
-    settings = objective.settings.with_values({"tracker.hypotheses": 1})
-    if not fingers:
-        settings = settings.with_values({"tracker.escape": False})
+def _solved(objective: GlobalObjective, candidate: Candidate, own: Mapping[str, bool]) -> Candidate:
+    """Return a candidate where the tracker, by settings of its own, fits the frame from there, by what is seen alone."""
+    settings = objective.settings.with_values({"tracker.hypotheses": 1, **own})
     model, control = candidate.model, replace(objective.control, on_iteration=None)
     start = model.clipped(candidate.params)
     solved = solve_frame(FrameTask(model, settings, objective.seen, start, control=control))

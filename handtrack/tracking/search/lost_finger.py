@@ -20,7 +20,7 @@ from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.engine import Candidate, Round, Search, improved
+from handtrack.tracking.search.engine import Candidate, Round, Search, each, improved
 from handtrack.tracking.search.policy import (
     SUSPICIOUS_FRAMES,
     SUSPICIOUS_RATIO,
@@ -91,20 +91,12 @@ def finger_on_grid(
     ]
 
 
-def frame_schedule(
-    objective: FingerObjective, candidates: Sequence[Candidate], iterations: int
-) -> list[Candidate]:
+@each
+def frame_schedule(objective: FingerObjective, candidate: Candidate, iterations: int) -> Candidate:
     """Descend by the frame's own schedule, band after band, asking where a candidate starts what is in view."""
-    model, should_stop = objective.terms.model, objective.control.should_stop
-
-    def solved(candidate: Candidate) -> Candidate | None:
-        if should_stop():
-            return None
-        terms = objective.terms.as_seen_at(model.bones(candidate.params))
-        found = descend(terms, candidate.params, should_stop)[0].params
-        return objective.measured(replace(candidate, params=found))
-
-    return [c for c in in_parallel(solved, candidates) if c is not None]
+    terms = objective.terms.as_seen_at(candidate.model.bones(candidate.params))
+    found = descend(terms, candidate.params, objective.control.should_stop)[0].params
+    return objective.measured(replace(candidate, params=found))
 
 
 LOST_FINGER = Search(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import reduce
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.size.person import is_stopped
 
 KINDS = ("direction", "lens")
 _BAND_MM = 12.0  # of outlines: a camera that is a degree off shifts a hand at half a metre by 9 mm
@@ -88,10 +88,8 @@ class _Frame:
         points = len(model.joint_names)
         moves = BoneFields.of_twists(twists @ model.transform.matrix, points)
         moves = moves.beside(SizeParameters(model).fields(bones, np.arange(1)))
-        alone = replace(
-            settings,
-            silhouettes=replace(settings.silhouettes, bands_mm=(_BAND_MM,)),
-            tracker=replace(settings.tracker, smoothing=0.0),
+        alone = settings.with_values(
+            {"silhouettes.bands_mm": (_BAND_MM,), "tracker.smoothing": 0.0}
         )
         joints = observed.image_keypoints
         views = {one.camera.name: one for one in (*observed.silhouettes, *joints)}
@@ -107,11 +105,8 @@ class _Frame:
             terms = frame_terms(model, alone, own, bones).wide().stage(bones, 0)
             changes = [_changes(model, bones, view, kind) for kind in KINDS]
             fields = moves.beside(BoneFields.of_twists(np.concatenate(changes, axis=2), points))
-            seen[name] = reduce(
-                JointSystem.__add__,
-                (term.linearize(bones, fields) for term in terms),
-                JointSystem.zero(fields.flesh.shape[2]),
-            )
+            systems = (term.linearize(bones, fields) for term in terms)
+            seen[name] = sum(systems, JointSystem.zero(fields.flesh.shape[2]))
         prior = Problem(model, (), priors).linearize(pose)
         return cls(model, pose, bones, views, seen, prior)
 
@@ -121,21 +116,13 @@ class _Frame:
         first, last = (count + 1, count + 4) if kind == "direction" else (count + 4, count + 6)
         chosen = np.eye(count + 6)[:, [*range(count + 1), *range(first, last)]]
         held = chosen * (np.arange(chosen.shape[1]) <= count)
-        system = reduce(
-            JointSystem.__add__,
-            (
-                told.pull_back(chosen if camera == name else held)
-                for camera, told in self.seen.items()
-            ),
-        )
+        told = (one.pull_back(chosen if n == name else held) for n, one in self.seen.items())
+        system = sum(told, JointSystem.zero(chosen.shape[1]))
         gradient, hessian = system.gradient.copy(), system.hessian.copy()
         gradient[:count] += self.prior.gradient
         hessian[:count, :count] += self.prior.hessian
         low, high = self.model.bounds(self.pose).T
-        pushed = gradient[:count]
-        stopped = ((self.pose <= low + 1e-9) & (pushed > 0)) | (
-            (self.pose >= high - 1e-9) & (pushed < 0)
-        )
+        stopped = is_stopped(self.pose, low, high, gradient[:count])
         free, left = np.flatnonzero(~stopped), slice(count, None)
         stiff = hessian[np.ix_(free, free)]
         stiff = stiff + _RIDGE * np.diag(np.diag(stiff) + 1.0)
@@ -185,7 +172,8 @@ def _middles(model: ArticulatedModel, bones: BonePoses) -> Floats[B, D3]:
 def _inconsistency(
     size: SizeParameters, frames: Sequence[_Frame], name: str, kind: str, cost: float
 ) -> CameraInconsistency:
-    total = reduce(JointSystem.__add__, (frame.without_pose(name, kind) for frame in frames))
+    first, *others = (frame.without_pose(name, kind) for frame in frames)
+    total = sum(others, first)
     gradient, hessian = total.gradient.copy(), total.hessian.copy()
     gradient[0] += size.deviations(size.model.scale)[0]
     hessian[0, 0] += 1.0

@@ -21,7 +21,7 @@ from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.size.cameras import CALIBRATION, NUMBERS, TIME, CameraChanges, velocities
 from handtrack.tracking.size.frame_systems import FrameProblem, FrameSystems
 from handtrack.tracking.size.motion import Motion
-from handtrack.tracking.size.person import PersonChange
+from handtrack.tracking.size.person import PersonChange, is_stopped
 
 
 @array_dataclass
@@ -98,7 +98,7 @@ webxr_open_close_3cam and of the demo"""
 _LONGEST = 2.0
 """times as long as Gauss and Newton's a step may be, where the one before found the cost to curve less than the system says. Robust losses
 are taken by the parabolas above them: up to twice the way to a parabola's minimum costs no more than none (de Leeuw and Heiser 1980)"""
-_AT_LIMIT = _RIDGE = 1e-9
+_RIDGE = 1e-9
 _LINEARIZED = 16
 """frames at once on all cores; between them it may be stopped"""
 _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
@@ -425,8 +425,8 @@ def _system(
         motion.add_to(matrix, gradient, swept.poses)
     own = np.diagonal(matrix.blocks[:, 0], axis1=1, axis2=2)
     extra = (_RIDGE if damping is None else damping[:, None]) * own + _RIDGE
-    stopped = _stopped(swept, gradient)
-    free = ~stopped
+    low, high = np.moveaxis(swept.bounds, 2, 0)
+    free = ~is_stopped(swept.poses, low, high, gradient)
     for k in range(matrix.blocks.shape[1]):
         rows = free[k:] if k else free
         both = rows[:, :, None] & free[: len(rows), None, :]
@@ -445,14 +445,6 @@ def _system(
     corner = np.where(held | held[:, None], np.diag(np.diag(corner)), corner)
     right = np.where(free, -gradient, 0.0), np.where(held, 0.0, -pull)
     return Bordered(matrix.factor(overwrite=True), border, corner), right
-
-
-def _stopped(swept: _Swept, gradient: Floats[F, P]) -> Array[F, P]:
-    """Return what lies at a limit that it would leave."""
-    poses, (low, high) = swept.poses, np.moveaxis(swept.bounds, 2, 0)
-    return ((poses <= low + _AT_LIMIT) & (gradient > 0)) | (
-        (poses >= high - _AT_LIMIT) & (gradient < 0)
-    )
 
 
 def _within(model: ArticulatedModel, poses: Floats[F, P]) -> Floats[F, P]:

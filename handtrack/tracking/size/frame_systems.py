@@ -23,47 +23,12 @@ from handtrack.tracking.size.cameras import SeenPoses
 from handtrack.tracking.size.person import PersonChange
 
 
-def linearize_sized(
-    problem: Problem,
-    person: PersonChange,
-    pose: Floats[P],
-    moves: Floats[P, N],
-    outline: Floats[N] | None = None,
-) -> JointSystem:
-    """Return what a frame's observations say of N changes of its pose, and of the free ones of a person's deviations (K,), N + K
-    numbers, without a size's prior.
-
-    moves: how solver parameters change with the N. outline: by how much each of them sets outlines farther out [m].
-    """
-    if not person.count and outline is None:
-        return replace(problem, parameter_terms=()).linearize(pose).pull_back(moves)
-    model = person.model
-    bones, twists, _ = model.linearize(pose)
-    fields = BoneFields.of_twists(
-        twists @ (model.transform.matrix @ moves), len(model.joint_names), outline
-    )
-    if person.count:
-        fields = fields.beside(person.parameters.fields(bones, np.flatnonzero(person.free)))
-    system = JointSystem.zero(fields.joints.shape[2])
-    for term in terms_of(problem, model):
-        system += term.linearize(bones, fields)
-    return system
-
-
 def terms_of(problem: Problem, model: ArticulatedModel) -> list[ObservationTerm]:
     """Return a problem's terms of what was seen, where the joints that a detector means are this model's."""
     return [
         replace(term, model=model) if isinstance(term, KeypointTerm) else term
         for term in problem.observation_terms
     ]
-
-
-def with_wider(problem: Problem, by_m: float) -> Problem:
-    """Return a problem of masks in which the outline of a hand is so much farther out than the hand's own."""
-    if by_m == 0.0:
-        return problem
-    terms = [t.wider(by_m) if isinstance(t, FieldTerm) else t for t in problem.observation_terms]
-    return replace(problem, observation_terms=terms)
 
 
 _AT_ONCE = 256
@@ -210,25 +175,39 @@ class FrameSystems:
 
 def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
     """Return a pose's system by changes as `pose_changes.moved` makes them."""
-    return system.pull_back(_turned(pose))
+    return system.pull_back(by_change(pose))
 
 
 def _seen(
     person: PersonChange, problem: Problem, pose: Floats[P], view: SeenPoses | None, n: int
 ) -> JointSystem:
-    """Return what was seen by changes of the pose, then of the camera where it may change, and of a person."""
-    if view is None:
-        return linearize_sized(problem, person, pose, _turned(pose))
-    here = np.eye(len(pose))
-    here[:6, :6] = view.by_pose[n]
-    moves = _turned(view.poses[n]) @ np.column_stack([here, view.by_camera[n]])
-    outline = (
-        np.concatenate([np.zeros(len(pose)), view.by_outline]) if view.by_outline.any() else None
+    """Return what was seen by changes of the pose, then of the camera where it may change, and by the free ones of a person's deviations
+    (K,), without a size's prior.
+    """
+    moves, outline, terms = by_change(pose), None, problem.observation_terms
+    if view is not None:
+        here = np.eye(len(pose))
+        here[:6, :6], pose = view.by_pose[n], view.poses[n]
+        moves = by_change(pose) @ np.column_stack([here, view.by_camera[n]])
+        if view.wider_m:
+            terms = [t.wider(view.wider_m) if isinstance(t, FieldTerm) else t for t in terms]
+            problem = replace(problem, observation_terms=terms)
+        if view.by_outline.any():
+            outline = np.concatenate([np.zeros(len(pose)), view.by_outline])
+    if not person.count and outline is None:
+        return problem.linearize(pose).pull_back(moves)
+    model = person.model
+    bones, twists, _ = model.linearize(pose)
+    fields = BoneFields.of_twists(
+        twists @ (model.transform.matrix @ moves), len(model.joint_names), outline
     )
-    return linearize_sized(with_wider(problem, view.wider_m), person, view.poses[n], moves, outline)
+    if person.count:
+        fields = fields.beside(person.parameters.fields(bones, np.flatnonzero(person.free)))
+    systems = (term.linearize(bones, fields) for term in terms_of(problem, model))
+    return sum(systems, JointSystem.zero(fields.joints.shape[2]))
 
 
-def _turned(pose: Floats[P]) -> Floats[P, P]:
+def by_change(pose: Floats[P]) -> Floats[P, P]:
     """Return how solver parameters change with changes as `pose_changes.moved` makes them."""
     found = np.eye(len(pose))
     found[TURN, TURN] = by_turn(pose)

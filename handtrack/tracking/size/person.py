@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, K, N, array_dataclass
+from handtrack.arrays import D3, Array, Axes, Floats, K, N, array_dataclass
 from handtrack.model.articulated import ArticulatedModel, HandScale, ShapeCovariance
 from handtrack.model.size import FOREARM_END, SizeParameters, hand_length_slope
 from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
@@ -85,8 +85,20 @@ SIZE_BANDS_MM = (4.0, 1.5)
 """narrow: the antisymmetric ramp makes radii r too small by w²/6r, 0.04 mm for a finger at the last"""
 _REACHES = 2.0
 """standard deviations: 36 mm behind the wrist of a hand without a forearm in its model, whose masks show less than 28"""
+_AT_LIMIT = 1e-9
 FARTHEST = 4.0
 """standard deviations from the mean adult that a person may be"""
+
+
+def is_stopped(
+    values: Floats[*Axes],
+    low: Floats[*Axes] | float,
+    high: Floats[*Axes] | float,
+    gradient: Floats[*Axes],
+) -> Array[*Axes]:
+    """Return which values lie at a limit that they would leave downhill."""
+    at_low, at_high = values <= low + _AT_LIMIT, values >= high - _AT_LIMIT
+    return (at_low & (gradient > 0)) | (at_high & (gradient < 0))
 
 
 @dataclass(frozen=True)
@@ -155,8 +167,7 @@ class PersonChange:
 
     def stopped(self, gradient: Floats[K]) -> Array[K]:
         """Return which of the free ones lie where people end and would go further; gradient: of what they cost."""
-        at = self.values[self.free]
-        return ((at >= FARTHEST) & (gradient < 0)) | ((at <= -FARTHEST) & (gradient > 0))
+        return is_stopped(self.values[self.free], -FARTHEST, FARTHEST, gradient)
 
     def prior(self) -> JointSystem:
         """Return what is known beforehand, of this person or of people, by the free ones (K,)."""

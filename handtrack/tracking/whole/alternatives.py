@@ -37,6 +37,10 @@ def with_alternatives(
     however probable: such as differ in shape come first. refined: hypotheses that were refined as a whole, the frames' own first, the
     others are what is shown.
     """
+
+    def other(pose: Floats[P], cost: float, weight: float, origin: str) -> Alternative:
+        return Alternative(model.joint_params(pose), float(cost), float(weight), -1, origin)
+
     found = []
     several = len(refined) > 1
     weights = np.exp(min((w.cost for w in refined), default=0.0) - np.array([w.cost for w in refined]))  # fmt: skip
@@ -45,23 +49,16 @@ def with_alternatives(
         poses = [m.pose for m in minima]
         others = _shown(model, result, poses, share, own, 0 if several else shown - 1)
         known = [
-            Alternative(
-                model.joint_params(minima[k].pose), minima[k].system.cost, float(share[k]), -1,
-                minima[k].origin,
-            )
-            for k in others
-        ]  # fmt: skip
+            other(minima[k].pose, minima[k].system.cost, share[k], minima[k].origin) for k in others
+        ]
         weight = float(share[own])
         result = _doubted(model, result, weight, known) if known else result
         if several:
             weight = float(weights[0] / weights.sum())
             known = [
-                Alternative(
-                    model.joint_params(hypothesis.found.poses[n]), float(hypothesis.found.costs[n]), float(w), -1,
-                    hypothesis.origin,
-                )
-                for hypothesis, w in zip(refined[1:], weights[1:] / weights.sum(), strict=True)
-            ]  # fmt: skip
+                other(one.found.poses[n], one.found.costs[n], w, one.origin)
+                for one, w in zip(refined[1:], weights[1:] / weights.sum(), strict=True)
+            ]
         held = Alternative(result.parameters, result.energy, weight, -1, "refined")
         found.append(replace(result, alternatives=(held, *known)) if known else result)
     return found

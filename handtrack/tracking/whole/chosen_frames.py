@@ -36,7 +36,6 @@ def fit_person(
     observed, current = {one.frame: replace(one, images=()) for one in seen}, np.array(poses)
     gaps = np.diff([one.time_s for one in seen])
     seconds = float(np.median(gaps)) if len(gaps) else 1.0
-    settings = replace(settings, tracker=replace(settings.tracker, smoothing=0.0))
     scale, cameras = None, CameraChanges.seen(seen).finding(OUTLINE)
     for stage, band in enumerate(SIZE_BANDS_MM):
         places = [model.bones(pose).position.mean(axis=0) for pose in current]
@@ -44,7 +43,7 @@ def fit_person(
         if not person.count:
             return None
         frames = Evidence(
-            model, replace(settings, silhouettes=replace(settings.silhouettes, bands_mm=(band,))),
+            model, settings.with_values({"tracker.smoothing": 0.0, "silhouettes.bands_mm": (band,)}),
             lambda frame, bones: observed[frame], dict(zip(observed, current, strict=True)), seconds,
             cameras=cameras, person=person, follows=False, wide=stage + 1 < len(SIZE_BANDS_MM),
         )  # fmt: skip

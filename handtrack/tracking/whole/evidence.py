@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, P, array_dataclass
+from handtrack.arrays import F, Floats, P, array_dataclass, evenly_spread
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
@@ -265,7 +265,7 @@ def measured_outlines(
     shadow by much more.
     """
     found: dict[str, list[float]] = {}
-    for n in np.unique(np.linspace(0, len(frames) - 1, _OUTLINES).round().astype(int)).tolist():
+    for n in evenly_spread(len(frames), _OUTLINES):
         terms, bones = evidence.of(frames[n]).terms, evidence.model.bones(poses[n])
         for term in terms.stage(bones) if terms.prepared else ():
             if isinstance(term, CoverageTerm):

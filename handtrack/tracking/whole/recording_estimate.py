@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, C, F, Floats, K, P, array_dataclass, evenly_spread, runs
 from handtrack.geometry.rotation import closest_equivalent
-from handtrack.model.pose_changes import TURN, by_turn
+from handtrack.model.pose_changes import TURN
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import in_parallel, one_blas_thread
 from handtrack.solver.covariance import uncertainty
@@ -22,7 +22,7 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.frame_solve import POOR, poor_agreement
 from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
-from handtrack.tracking.size.frame_systems import terms_of
+from handtrack.tracking.size.frame_systems import by_change, terms_of
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.whole.alternatives import with_alternatives
 from handtrack.tracking.whole.evidence import (
@@ -380,8 +380,7 @@ def _result(
     """Return a frame at its pose of all, with what all say of it."""
     before, model = tracked[n], evidence.model
     pose, frame = found.poses[n], evidence.of(before.frame)
-    change = np.eye(len(pose))
-    change[TURN, TURN] = by_turn(pose)
+    change = by_change(pose)
     covariance = change @ found.covariance[n] @ change.T
     _, std, joints = uncertainty(model, pose, np.linalg.inv(covariance))
     judgement = FrameConfidence(before.status, before.reason, joints)

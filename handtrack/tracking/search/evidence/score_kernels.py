@@ -28,10 +28,11 @@ def _image(p, x, y, z):  # pragma: no cover - compiled
 
 
 @inlined
-def _fill_turned(turn, x, y, z, out, n):  # pragma: no cover - compiled
-    """Fill out[n] with a vector, turned."""
+def _fill_turned(turn, rows, n, middle, out, m):  # pragma: no cover - compiled
+    """Fill out[m] with row n from a middle, turned."""
+    x, y, z = rows[n, 0] - middle[0], rows[n, 1] - middle[1], rows[n, 2] - middle[2]
     for i in range(3):
-        out[n, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+        out[m, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
 
 
 @inlined
@@ -133,12 +134,7 @@ def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cove
         seen = 0
         for n in range(count):
             if visible[n]:
-                x, y, z = (
-                    points[n, 0] - middle[0],
-                    points[n, 1] - middle[1],
-                    points[n, 2] - middle[2],
-                )
-                _fill_turned(turn, x, y, z, turned, seen)
+                _fill_turned(turn, points, n, middle, turned, seen)
                 seen += 1
         for m in range(places.shape[0]):
             px, py, pz = places[m, 0], places[m, 1], places[m, 2]
@@ -212,16 +208,10 @@ def silhouette_scores(
     for r in range(rotations.shape[0]):
         turn = rotations[r]
         for n in range(balls):
-            x, y, z = (
-                spheres[n, 0] - middle[0],
-                spheres[n, 1] - middle[1],
-                spheres[n, 2] - middle[2],
-            )
-            _fill_turned(turn, x, y, z, ball, n)
+            _fill_turned(turn, spheres, n, middle, ball, n)
         for n in range(count):
-            x, y, z = points[n, 0] - middle[0], points[n, 1] - middle[1], points[n, 2] - middle[2]
-            _fill_turned(turn, x, y, z, turned, n)
-            _fill_turned(turn, normals[n, 0], normals[n, 1], normals[n, 2], facing, n)
+            _fill_turned(turn, points, n, middle, turned, n)
+            _fill_turned(turn, normals, n, (0.0, 0.0, 0.0), facing, n)
         for m in range(places.shape[0]):
             px, py, pz = places[m, 0], places[m, 1], places[m, 2]
             total, whole, most = 0.0, 0.0, 0.0
