@@ -56,8 +56,6 @@ class Refined:
     state: RigState
     residuals: Floats[M, D2]
     """seen − predicted [px]."""
-    sigma_px: float
-    """robust standard deviation of one coordinate"""
     lens_std: Floats[C, D9]
     """; 0 where held fixed."""
     skew: Floats[C, D2]
@@ -79,14 +77,14 @@ def refine(start: RigState, corners: Corners, free_lens: Array[C, D9]) -> Refine
     free = np.concatenate(
         [np.ravel(free_lens), np.repeat(free_camera, 6), np.ones(start.view.size, bool)]
     )
-    scale = max(_ROBUST_SIGMAS * _spread(residuals(start, corners)), 0.3)
+    scale = max(_ROBUST_SIGMAS * spread(residuals(start, corners)), 0.3)
     state, good = start, False
     for _ in range(2):  # the second time with the scale of what is really left
         state, good = _minimised(state, corners, free, scale)
-        scale = max(_ROBUST_SIGMAS * _spread(residuals(state, corners)), 0.05)
+        scale = max(_ROBUST_SIGMAS * spread(residuals(state, corners)), 0.05)
     left = residuals(state, corners)
     lens_std, skews = _uncertainty(state, corners, free, left, scale)
-    return Refined(state, left, _spread(left), lens_std, skews, good)
+    return Refined(state, left, lens_std, skews, good)
 
 
 def _minimised(
@@ -132,8 +130,8 @@ def _robust_weight(left: Floats, scale: float) -> Floats:
     return 1 / np.sqrt(1 + (left / scale) ** 2)
 
 
-def _spread(left: Floats) -> float:
-    """Return a standard deviation that a few outliers do not change."""
+def spread(left: Floats) -> float:
+    """Return a standard deviation, of one coordinate [px], that a few outliers do not change."""
     return float(1.4826 * np.median(np.abs(left)))
 
 
@@ -203,10 +201,10 @@ def _uncertainty(
     n = int(free.sum())
     inverse = np.linalg.pinv(scaled[:n, :n], rcond=1e-13, hermitian=True)
     deviation = np.zeros(len(free))
-    deviation[free] = _spread(left) * np.sqrt(np.maximum(np.diag(inverse), 0)) / diagonal[:n]
+    deviation[free] = spread(left) * np.sqrt(np.maximum(np.diag(inverse), 0)) / diagonal[:n]
     # with skew freed, the other numbers give way
     inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True)
     step = inverse[n:] @ (weighted.T @ left.reshape(-1) / diagonal)
-    skew_std = _spread(left) * np.sqrt(np.maximum(np.diag(inverse)[n:], 0))
+    skew_std = spread(left) * np.sqrt(np.maximum(np.diag(inverse)[n:], 0))
     skews = np.stack([step, skew_std], -1) / diagonal[n:, None]
     return _state(deviation, len(state.lens)).lens, skews

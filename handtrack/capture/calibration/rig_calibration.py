@@ -24,6 +24,7 @@ from handtrack.capture.calibration.bundle_adjustment import (
     Refined,
     RigState,
     refine,
+    spread,
 )
 from handtrack.capture.calibration.formats.imported_rig import five_or_more
 from handtrack.errors import HandtrackError
@@ -120,7 +121,7 @@ def calibrate_rig(
     ]
     report = {
         "board": board.text,
-        "sigma_px": refined.sigma_px,
+        "sigma_px": spread(refined.residuals),
         "cameras": reports,
         "pairs": pair_reports(rig, used, disagreement),
         "warnings": [*_warnings(board, fits, refined), *chain(*map(_doubts, reports))],

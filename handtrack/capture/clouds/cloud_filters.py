@@ -6,7 +6,7 @@ Every filter is deterministic.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -155,7 +155,7 @@ class CloudFilters:
         """Return which filter dropped each point, by its place among the reports, and the
         reports; points that stay have the number after the last one.
         """
-        steps = self._steps(hand_distance, centres)
+        steps = list(self._steps(hand_distance, centres))
         fate = np.full(len(cloud), len(steps), np.int8)
         left, place = cloud, np.arange(len(cloud))
         reports: list[FilterReport] = []
@@ -170,54 +170,41 @@ class CloudFilters:
 
     def _steps(
         self, hand_distance: HandDistance | None, centres: Floats | None
-    ) -> list[tuple[str, str, Callable[[PointCloud], Array]]]:
-        """Return name, words and function of the filters that are on: the cheap ones first, so
+    ) -> Iterator[tuple[str, str, Callable[[PointCloud], Array]]]:
+        """Yield name, words and function of the filters that are on: the cheap ones first, so
         that the dear ones see few points."""
         near, far, crop = self.near_m or 0.0, self.far_m or np.inf, self.crop_m
         skin, part, front = self.skin, self.component, self.front_m
         voxel, neighbours, most = self.voxel_m, self.outlier_neighbours, self.max_points
-        steps: list[tuple[str, str, Callable[[PointCloud], Array]]] = []
         if centres is not None and (self.near_m or self.far_m):
             text = f"{near:g} to {far:g} m from a camera"
-            steps.append(("range", text, lambda c: within_range(c.points, centres, near, far)))
+            yield "range", text, lambda c: within_range(c.points, centres, near, far)
         if crop is not None and hand_distance is not None:
             text = f"within {crop * 1e3:g} mm of the previous hand"
-            steps.append(("crop", text, lambda c: near_hand(c.points, hand_distance, crop)))
+            yield "crop", text, lambda c: near_hand(c.points, hand_distance, crop)
         if skin is not None:
             text = f"skin colour, ellipse of {skin.size:g} standard deviations"
-            steps.append(("skin", text, lambda c: skin_coloured(c, skin)))
+            yield "skin", text, lambda c: skin_coloured(c, skin)
         if part == "largest":
-            steps.append(("component", "the largest part", lambda c: largest_part(c.points)))
+            yield "component", "the largest part", lambda c: largest_part(c.points)
         if part == "nearest" and centres is not None:
             reach = "" if front is None else f", {front * 1e3:g} mm deep"
             text = f"the part nearest to a camera{reach}"
-            steps.append(
-                (
-                    "component",
-                    text,
-                    lambda c: nearest_part(c.points, centres, front, hand_distance=hand_distance),
-                )
+            yield (
+                "component",
+                text,
+                lambda c: nearest_part(c.points, centres, front, hand_distance),
             )
         if voxel is not None:
             text = f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm"
-            steps.append(
-                ("voxel", text, lambda c: thinned(c.points, voxel, self.per_voxel, self.seed))
-            )
+            yield "voxel", text, lambda c: thinned(c.points, voxel, self.per_voxel, self.seed)
         if neighbours is not None:
             ratio = self.outlier_ratio
             text = f"mean distance to {neighbours} neighbours below {ratio:g} times the usual"
-            steps.append(
-                ("outliers", text, lambda c: inliers(c.points, neighbours, ratio, self.seed))
-            )
+            yield "outliers", text, lambda c: inliers(c.points, neighbours, ratio, self.seed)
         if most is not None:
-            steps.append(
-                (
-                    "most",
-                    f"at most {most}, at random",
-                    lambda c: random_part(len(c), most, self.seed),
-                )
-            )
-        return steps
+            text = f"at most {most}, at random"
+            yield "most", text, lambda c: random_part(len(c), most, self.seed)
 
 
 def finite(points: Floats[N, D3]) -> Array[N]:

@@ -168,7 +168,7 @@ class DerivedFrames:
     @property
     def size(self) -> tuple[int, int] | None:
         found = self.source.size
-        return found if found is None or self._size is None else self._size
+        return found and (self._size or found)
 
     @property
     def frames(self) -> range:
@@ -247,11 +247,8 @@ class ImageFiles:
         data, problem = _bytes(path)
         where = f"{path}, frame {frame}"
         check_announced(announced_size(data, where), self._expected_size, where)
-        image = (
-            None
-            if problem
-            else _decoded(data, cv2.IMREAD_COLOR if self._kind == COLOUR else _AS_IT_IS)
-        )
+        flags = cv2.IMREAD_COLOR if self._kind == COLOUR else _AS_IT_IS
+        image = None if problem else _decoded(data, flags)
         if image is None:
             problem = problem or "not a readable image"
             self._notes.add(frame, f"{path}: {problem}; frame {frame} counts as missing.")
@@ -263,7 +260,7 @@ class ImageFiles:
         elif self._kind == COLOUR and not self._looked_closer:
             self._looked_closer = True
             self._notes.add(frame, *_oddities(data, image, path))
-        check_size(image, self._expected_size, where)
+        check_size((image.shape[1], image.shape[0]), self._expected_size, where)
         return image
 
 
@@ -290,15 +287,11 @@ def check_announced(
 ) -> None:
     """Raise HandtrackError for a picture larger than the calibration's before it is unpacked: a small file may fill the memory."""
     if size is not None and expected is not None and size[0] * size[1] > expected[0] * expected[1]:
-        _check(size, expected, where)
+        check_size(size, expected, where)
 
 
-def check_size(image: Array[H, W, *Axes], expected: tuple[int, int] | None, where: str) -> None:
+def check_size(found: tuple[int, int], expected: tuple[int, int] | None, where: str) -> None:
     """Raise HandtrackError unless an image has the calibration's size (width, height)."""
-    _check((image.shape[1], image.shape[0]), expected, where)
-
-
-def _check(found: tuple[int, int], expected: tuple[int, int] | None, where: str) -> None:
     if expected is not None and found != tuple(expected):
         what_to_do = "Use the images the calibration belongs to, or scale its matrix and size."
         factor = scaled_by(expected, found)

@@ -247,12 +247,6 @@ class MosaicFiles(ImageFiles):
         self._lock = threading.Lock()
 
     @property
-    def size(self) -> tuple[int, int] | None:
-        """width, height [px] of the first readable file, which is also looked at for a wrong pattern."""
-        self._look()
-        return super().size
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         with self._lock:
             return (*super().warnings, *self._doubts)

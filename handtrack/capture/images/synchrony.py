@@ -129,12 +129,11 @@ def time_offsets(motions: Sequence[tuple[ImageMotion, ImageMotion]]) -> dict[int
         for i in range(count)
         for step in range(1, min(_NEIGHBOURS, count - 1) + 1)
     }
-    curves = {(i, k): agreement(motions[i], motions[k]) for i, k in sorted(near)}
-    fine = {
-        pair: np.stack([_in_tenths(curve) for curve in both])
-        for pair, both in curves.items()
-        if not np.isnan(both[:, _MOST_LATE]).any()
-    }
+    fine = {}
+    for i, k in sorted(near):
+        both = [_correlations(a, b) for a, b in zip(motions[i], motions[k], strict=True)]
+        if not np.isnan(both).any():
+            fine[i, k] = np.stack([_in_tenths(curve) for curve in both])
     fine |= {(k, i): both[:, ::-1] for (i, k), both in fine.items()}
     if not fine:
         return {}
@@ -208,13 +207,6 @@ def _best_offsets(
         if (offsets == before).all():
             break
     return offsets
-
-
-def agreement(
-    first: tuple[ImageMotion, ImageMotion], second: tuple[ImageMotion, ImageMotion]
-) -> Floats[D2, L]:
-    """Return how well what moves in two stretches agrees at each lag of the second, −12 to 12 frames; NaN: unseen."""
-    return np.stack([_correlations(a, b) for a, b in zip(first, second, strict=True)])
 
 
 def _correlations(first: ImageMotion, second: ImageMotion) -> Floats:

@@ -152,9 +152,9 @@ class VideoFile:
             raise HandtrackError(
                 f"{self.where}: no frame can be decoded; the video is damaged or empty."
             )
-        check_size(first, expected_size, self.where)
         self._announced = announced_frames(self._capture)
         self.size = (first.shape[1], first.shape[0])
+        check_size(self.size, expected_size, self.where)
         self._keep = max(8, _CACHE_BYTES // first.nbytes)
         self._window = self._keep // 2
         """frames kept before one that was stepped back to, for further steps back"""

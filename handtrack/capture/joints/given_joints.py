@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D21, Floats, K, N
+from handtrack.arrays import D2, D3, D21, Floats, K, N, indices
 from handtrack.capture.images.openpose import LAYOUTS, height, write_points
 from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, known_joint
 from handtrack.errors import HandtrackError
@@ -97,11 +97,8 @@ def _are_shares(points: Iterable[Floats[N, D3]]) -> bool:
 def hand_of(names: Sequence[str], points: Floats[N, D2], confidence: Floats[N]) -> Hand:
     """Return 21 points from some, by our names. points: column, row [px]."""
     hand = np.full((len(JOINTS), 3), np.nan)
-    hand[:, 2] = 0.0
-    for name, place, sure in zip(names, points, confidence, strict=True):
-        if np.isfinite(place).all() and sure > 0:
-            hand[JOINTS.index(name)] = (*place, min(float(sure), 1.0))
-    return hand
+    hand[indices(JOINTS, names)] = np.column_stack([points, confidence])
+    return cleaned(hand)
 
 
 def named_points(
@@ -218,21 +215,17 @@ def layout_of(
     """
     if bodies.layout is not None:
         return bodies.layout
-    fit = [
-        name
-        for name, layout in BODY_LAYOUTS.items()
-        if layout.count == bodies.count and name != NAMED
-    ]
+    fit = [name for name, layout in BODY_LAYOUTS.items() if layout.count == bodies.count]
     if said is not None:
         if said in fit:
             return said
+        known = (
+            f"layouts of {bodies.count}: {', '.join(fit)}"
+            if fit
+            else f"known are {known_layouts()}"
+        )
         raise HandtrackError(
-            f"--layout {said}: {where} has people of {bodies.count} points, expected {LAYOUTS[said].count}; "
-            + (
-                f"layouts of {bodies.count}: {', '.join(fit)}."
-                if fit
-                else f"known are {known_layouts()}."
-            )
+            f"--layout {said}: {where} has people of {bodies.count} points, expected {LAYOUTS[said].count}; {known}."
         )
     if not fit:
         raise HandtrackError(
@@ -258,9 +251,7 @@ def layout_of(
 
 def known_layouts() -> str:
     """Return the layouts of bodies with their numbers of points, in words."""
-    return ", ".join(
-        f"{name} ({layout.count})" for name, layout in BODY_LAYOUTS.items() if name != NAMED
-    )
+    return ", ".join(f"{name} ({layout.count})" for name, layout in BODY_LAYOUTS.items())
 
 
 def _misproportion(bodies: ImportedBodies, name: str) -> float:
@@ -282,7 +273,7 @@ def _misproportion(bodies: ImportedBodies, name: str) -> float:
 
 def body_of(points: Floats[N, D3], places: dict[int, int]) -> BodyPoints:
     """Return a person's named points as `body22` has them. points: column and row [px], confidence."""
-    body = np.full((BODY_LAYOUTS[NAMED].count, 3), np.nan)
+    body = np.full((LAYOUTS[NAMED].count, 3), np.nan)
     body[list(places.values())] = points[list(places)]
     return cleaned(body)
 
@@ -355,5 +346,4 @@ def _presence(person: Person) -> float:
 
 
 def _usual_height(person: Person) -> float:
-    heights: Floats = np.array([height(points) for points in person.values()])
-    return float(np.median(heights))
+    return float(np.median([height(points) for points in person.values()]))

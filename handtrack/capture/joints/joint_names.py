@@ -108,9 +108,10 @@ _PAIRED = _by_word(
     | {"toe": "toe, toes, big toe, bigtoe, toe base, foot index"}
 )
 _BODY_FILLING = {"joint", "keypoint", "kp", "point", "marker", "landmark", "pose", "body"}
-BODY_LAYOUTS = {name: layout for name, layout in LAYOUTS.items() if is_body(layout)}
 NAMED = "body22"
 """the layout of points that were given by name"""
+BODY_LAYOUTS = {n: layout for n, layout in LAYOUTS.items() if is_body(layout) and n != NAMED}
+"""those of detectors"""
 _FEWEST = 5
 """joints, wrists not counted, that make a body: a hand's file may have an elbow beside"""
 
@@ -127,7 +128,7 @@ def known_body_joint(name: str) -> str | None:
 
 def named_bodies(names: Sequence[str]) -> dict[int, int] | None:
     """Return which of a file's points are which rows of the layout `body22`; None where they make no body."""
-    rows = BODY_LAYOUTS[NAMED].points
+    rows = LAYOUTS[NAMED].points
     found = {i: rows[joint] for i, name in enumerate(names) if (joint := known_body_joint(name))}
     twice = len(set(found.values())) < len(found)
     sure = [i for i in found if "wrist" not in names[i].lower()]
@@ -139,5 +140,5 @@ def is_numbered(names: Iterable[str]) -> bool:
     words = [
         re.sub(r"\D", "", name) if re.fullmatch(r"\D{0,10}\d+", name) else "" for name in names
     ]
-    counts = {layout.count for name, layout in BODY_LAYOUTS.items() if name != NAMED}
+    counts = {layout.count for layout in BODY_LAYOUTS.values()}
     return len(words) in counts and words == [str(i) for i in range(len(words))]

@@ -112,12 +112,12 @@ class LiveCamera:
                 f"{self.where}: it was opened, but gives no image. Is it in use by another program, or its lid closed? A "
                 "video file must have a frame."
             )
+        self.size = (first.shape[1], first.shape[0])
         try:
-            check_size(first, size, self.where)
+            check_size(self.size, size, self.where)
         except HandtrackError:
             device.release()
             raise
-        self.size = (first.shape[1], first.shape[0])
         self.fps = device.fps
         """images a second as the device says, 0 where it does not"""
         self.given, self.passed_over = 1, 0

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D3, F, Floats, Ints, N, indices
+from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.joints.given_joints import named_points
-from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, named_bodies
+from handtrack.capture.joints.joint_names import JOINTS, NAMED, named_bodies
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import (
     UNITS_M,
@@ -30,7 +31,7 @@ _HAND_M = (
     0.25,
 )  # between the two points furthest apart: a small child's fist to a large man's flat hand
 _BODY_M = (0.5, 3.0)  # likewise: of a crouching child to a tall man with raised arms
-_BODY = tuple(BODY_LAYOUTS[NAMED].points)
+_BODY = tuple(LAYOUTS[NAMED].points)
 _LIKELY_M = (
     1.0,
     0.01,

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -30,7 +30,6 @@ from handtrack.files.text_files import check_file, metres_in
 from handtrack.geometry.camera import camera_matrix
 from handtrack.geometry.rotation import matrix_from_quaternion
 
-_T = TypeVar("_T")
 _MOST = 64  # images: a rig has one a camera
 
 
@@ -375,9 +374,14 @@ def read_colmap(folder: Path) -> ImportedRig:
     cameras, images = folder / f"cameras{suffix}", folder / f"images{suffix}"
     for path in (cameras, images):
         check_file(path, f"COLMAP's {path.name}", _LARGEST)
-    binary = suffix == ".bin"
-    lenses = _checked(_binary_lenses if binary else _text_lenses, cameras)
-    shots = _checked(_binary_images if binary else _text_images, images)
+    is_text = suffix == ".txt"
+    try:
+        lenses = _text_lenses(cameras) if is_text else _binary_lenses(cameras)
+        shots = _text_images(images) if is_text else _binary_images(images)
+    except (ValueError, IndexError, struct.error, OSError, OverflowError) as error:
+        raise HandtrackError(
+            f"{folder}: {cameras.name} and {images.name} are not readable as COLMAP writes them ({error}). Export the model again."
+        ) from None
     if not shots or not lenses:
         raise HandtrackError(
             f"{folder}: the model has no images with a pose; expected one image of each camera."
@@ -394,15 +398,6 @@ def read_colmap(folder: Path) -> ImportedRig:
         rotation = matrix_from_quaternion(np.array(pose[:4]))
         rig.append(ImportedCamera(name, size, matrix, bent, rotation, np.array(pose[4:]), fisheye))
     return ImportedRig("COLMAP model", tuple(rig), any_unit=True)
-
-
-def _checked(read: Callable[[Path], _T], path: Path) -> _T:
-    try:
-        return read(path)
-    except (ValueError, IndexError, struct.error, OSError, OverflowError) as error:
-        raise HandtrackError(
-            f"{path}: not readable as COLMAP writes it ({error}). Export the model again."
-        ) from None
 
 
 def _text_rows(path: Path) -> Iterator[str]:
