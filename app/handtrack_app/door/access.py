@@ -430,17 +430,10 @@ class Flow:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._passing = Allowance(RATE, BURST, clock)
-        self._reading = Allowance(MOST_READ, MOST_READ_AT_ONCE, clock)
-        self._bytes = Allowance(MOST_BYTES, MOST_BYTES_AT_ONCE, clock)
+        self.messages = Allowance(MOST_READ, MOST_READ_AT_ONCE, clock)
+        self.bytes = Allowance(MOST_BYTES, MOST_BYTES_AT_ONCE, clock)
+        """what may come; a client that sends more is disconnected"""
         self._waiting: dict[Hashable, Passed] = {}
-
-    def heard(self) -> bool:
-        """Count a message that came; return whether the client may go on sending."""
-        return self._reading.take()
-
-    def came(self, size: int) -> bool:
-        """Count bytes that came; return whether the client may go on sending."""
-        return self._bytes.take(size)
 
     def put(self, kind: Hashable, message: Passed) -> bool:
         """Let a message wait in the place of the older one of its kind; return whether there was room."""
@@ -478,19 +471,22 @@ class _Connection(ServerConnection):
 
     def data_received(self, data: bytes) -> None:
         """Take what came, unless it is too much."""
-        if self._flow.came(len(data)):
+        if self._flow.bytes.take(len(data)):
             super().data_received(data)
         elif not self.transport.is_closing():
-            log.warning("%s sent too many bytes and was disconnected", self.remote_address)
-            self.transport.abort()
+            self._disconnect("sent too many bytes")
 
     def process_event(self, event: Event) -> None:
         """Take a frame; a fragment counts as a message: of empty ones, a message may have millions."""
-        if isinstance(event, Frame) and event.opcode is Opcode.CONT and not self._flow.heard():
-            log.warning("%s sent too many fragments and was disconnected", self.remote_address)
-            self.transport.abort()
-            return
-        super().process_event(event)
+        is_part = isinstance(event, Frame) and event.opcode is Opcode.CONT
+        if is_part and not self._flow.messages.take():
+            self._disconnect("sent too many fragments")
+        else:
+            super().process_event(event)
+
+    def _disconnect(self, why: str) -> None:
+        log.warning("%s %s and was disconnected", self.remote_address, why)
+        self.transport.abort()
 
     async def recv(self, decode: bool | None = None) -> bytes:  # type: ignore[override]
         """Return the next message that may pass."""
@@ -508,7 +504,7 @@ class _Connection(ServerConnection):
                     raw = await super().recv(decode)
             except TimeoutError:
                 continue
-            if not self._flow.heard():
+            if not self._flow.messages.take():
                 log.warning("%s sent too many messages and was disconnected", self.remote_address)
                 try:
                     async with asyncio.timeout(_FAREWELL_S):
@@ -528,8 +524,7 @@ class _Connection(ServerConnection):
             async with asyncio.timeout(_SLOW_S):
                 await super().send(message, text)
         except TimeoutError:
-            log.warning("%s does not read and was given up", self.remote_address)
-            self.transport.abort()
+            self._disconnect("does not read")
             await asyncio.shield(self.connection_lost_waiter)
             raise self.protocol.close_exc from None
 

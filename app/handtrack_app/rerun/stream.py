@@ -368,9 +368,7 @@ def _log_pictures(recording: RecordingStream, root: str, pictures: Pictures) -> 
 
 
 def grey(picture: Array[H, W]) -> Bytes[H, W]:
-    """Return bytes of a picture in 0…1; bytes stay as they are."""
-    if picture.dtype == np.uint8:
-        return picture
+    """Return bytes of a picture in 0…1."""
     return np.rint(255 * np.clip(np.nan_to_num(picture), 0.0, 1.0)).astype(np.uint8)
 
 

@@ -11,6 +11,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import viser
 
@@ -39,13 +40,12 @@ from handtrack_app.start.recent import recent_sessions
 from handtrack_app.viser_internals import id_of, run_javascript
 
 log = logging.getLogger(__name__)
-_AS_FOUND = "from keypoints if available"
-_MASKS = {
-    _AS_FOUND: None,
-    "from keypoints": "seeded",
-    "skin colour": "skin_ycrcb",
-    "background": "background_median",
-    "none": "none",
+_MASKS: dict[str, tuple[str, ...]] = {
+    "from keypoints if available": (),
+    "from keypoints": ("--masks", "seeded"),
+    "skin colour": ("--masks", "skin_ycrcb"),
+    "background": ("--masks", "background_median"),
+    "none": ("--masks", "none"),
 }
 _TRACKED: dict[str, tuple[str, ...]] = {
     "detect": (),
@@ -87,10 +87,10 @@ class StartPage:
         self.output = gui.add_html("")
         self.bar = gui.add_progress_bar(0.0, visible=False)
         self.pictures = gui.add_html("", visible=False)
-        self.cancel = gui.add_button("Cancel", icon=viser.Icon.X, color="gray", visible=False)
-        self.open_done = gui.add_button(
-            "Open what is done", icon=viser.Icon.FOLDER_OPEN, visible=False
-        )
+        self.cancel = self._button("Cancel", self._cancel, icon=viser.Icon.X, visible=False)
+        self.open_done = self._button(
+            "Open what is done", lambda: self.open(self._out), icon=viser.Icon.FOLDER_OPEN, color=None, visible=False
+        )  # fmt: skip
         with gui.add_folder("Open a recording") as self.opening:
             self._add_cards(gui)
         with gui.add_folder("Folder on this machine") as self.browsing:
@@ -102,8 +102,6 @@ class StartPage:
             self._add_maker(gui)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(560)
-        self._on(self.cancel, self._cancel)
-        self._on(self.open_done, lambda: self.open(self._out))
         self.folder.on_update(lambda event: self._tried(self._typed) if event.client else None)
         put(self.making, visible=False)
         self._list(next((folder.parent for folder in recent_sessions()), Path.home()))
@@ -144,8 +142,7 @@ class StartPage:
         shown = list[tuple[viser.GuiHtmlHandle, Callable[[], Path], str, str]]()
         for name, where, find in cards:
             one = gui.add_html(card(name, (where,)))
-            button = gui.add_button(f"Open {name}", color="gray")
-            self._on(button, lambda find=find: self.open(find()))
+            self._button(f"Open {name}", lambda find=find: self.open(find()))
             shown.append((one, find, name, where))
         self._draw(partial(self._draw_cards, shown))
 
@@ -193,7 +190,6 @@ class StartPage:
 
     def _list(self, folder: Path) -> None:
         """List the folders and calibrations in a folder, as buttons that lead there."""
-        gui = self.door.server.gui
         for entry in self._entries:
             entry.remove()
         self._entries = []
@@ -219,9 +215,7 @@ class StartPage:
         ]  # fmt: skip
         with self.browsing:
             for label, which, act in rows:
-                button = gui.add_button(label, icon=which, color="gray")
-                self._on(button, act)
-                self._entries.append(button)
+                self._entries.append(self._button(label, act, icon=which))
 
     # ---- importing
 
@@ -283,18 +277,15 @@ class StartPage:
             args += ["--project", str(found.project)]
         for name, path in found.videos.items() if found.project is None else ():
             args += ["--video", f"{name}={path}"]
-        masks = _MASKS[self.masks.value]
-        args += [] if masks is None else ["--masks", masks]
-        args += _TRACKED[self.tracked.value]
-        unit = self.unit.value.strip()
-        args += [f"--world-unit-m={unit}"] if unit else []
-        args += _LENSES[self.lens.value]
-        for option, box in (
-            ("--scaled", self.scaled),
-            ("--link", self.link),
-            ("--track", self.track),
-        ):
-            args += [option] if box.value else []
+        args += (
+            *_MASKS[self.masks.value],
+            *_TRACKED[self.tracked.value],
+            *_LENSES[self.lens.value],
+        )
+        if unit := self.unit.value.strip():
+            args.append(f"--world-unit-m={unit}")
+        options = {"--scaled": self.scaled, "--link": self.link, "--track": self.track}
+        args += [option for option, box in options.items() if box.value]
         self._run(f"Importing {out.name}", args, partial(self.open, out), out)
 
     def fetch_detector(self) -> None:
@@ -332,13 +323,13 @@ class StartPage:
             False,
             hint="Finds the hand in the images, where the hand detector is installed, or the body by its 2D joints, and tracks all frames.",
         )
-        self.fetch = gui.add_button(
-            f"Get the hand detector ({DOWNLOAD_MB} MB)", icon=viser.Icon.DOWNLOAD, color="gray",
+        self.fetch = self._button(
+            f"Get the hand detector ({DOWNLOAD_MB} MB)", self.fetch_detector, icon=viser.Icon.DOWNLOAD,
             hint="Fetches the two networks that find a hand in images, once for all recordings. Google's, Apache License 2.0.",
         )  # fmt: skip
-        self._on(self.fetch, self.fetch_detector)
-        self.make = gui.add_button("Import", icon=viser.Icon.WAND, visible=False)
-        self._on(self.make, self.make_session)
+        self.make = self._button(
+            "Import", self.make_session, icon=viser.Icon.WAND, color=None, visible=False
+        )
         with gui.add_folder("More", expand_by_default=False):
             self.out = gui.add_text("Output folder", "")
             self.tracked = gui.add_dropdown(
@@ -429,8 +420,11 @@ class StartPage:
     def _say(self, title: str, words: str = "") -> None:
         self.output.content = text(f"<b>{html.escape(title)}</b> {html.escape(words)}", faint=False) if title else ""  # fmt: skip
 
-    def _on(self, button: viser.GuiButtonHandle, act: Callable[[], None]) -> None:
+    def _button(self, label: str, act: Callable[[], None], **drawn: Any) -> viser.GuiButtonHandle:
+        """Add a button that calls `act`. drawn: as `add_button` has it."""
+        button = self.door.server.gui.add_button(label, **{"color": "gray", **drawn})
         button.on_click(lambda _: self._tried(act))
+        return button
 
     def _tried(self, act: Callable[[], None]) -> None:
         try:

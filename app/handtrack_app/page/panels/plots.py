@@ -59,9 +59,8 @@ class PlotsPanel:
     window: Callable[[], Window]
     """of the timeline"""
     names: tuple[str, ...] = ()
-    snapshot: CurvesSnapshot | None = None
+    curves: tuple[Curve, ...] = ()
     plots: list[viser.GuiUplotHandle] = field(default_factory=list)
-    _drawn: tuple[object, ...] = ()
 
     def __post_init__(self) -> None:
         gui, page = self.page.gui, self.page
@@ -84,19 +83,15 @@ class PlotsPanel:
 
     def show(self, snapshot: CurvesSnapshot) -> None:
         """Take the curves as they are now."""
-        self.snapshot = snapshot
+        self.curves = snapshot.curves
         self.draw()
 
     def draw(self) -> None:
-        """Plot what is chosen, if something changed."""
-        snapshot, window = self.snapshot, self.window()
-        if snapshot is None or (snapshot, window) == self._drawn:
-            return
-        self._drawn = snapshot, window
-        for plot in self.plots[len(snapshot.curves) :]:
-            plot.remove()
-        del self.plots[len(snapshot.curves) :]
-        for n, curve in enumerate(snapshot.curves):
+        """Plot what is chosen."""
+        window = self.window()
+        while len(self.plots) > len(self.curves):
+            self.plots.pop().remove()
+        for n, curve in enumerate(self.curves):
             data = plot_data(curve, window)
             sign = "mm" if curve.name.startswith("root_t") else "°"
             title = f"{title_of(curve.name)} [{sign}]"
@@ -109,7 +104,7 @@ class PlotsPanel:
             else:
                 plot = self.plots[n]
                 plot.series, plot.data, plot.title = series, lines, title
-        put(self.note, visible=not snapshot.curves)
+        put(self.note, visible=not self.curves)
 
     def _add(
         self, lines: tuple[Floats[N], ...], series: tuple[uplot.Series, ...], title: str

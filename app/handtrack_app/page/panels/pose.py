@@ -107,9 +107,8 @@ class PosePanel:
             )  # fmt: skip
             self.guesses = GuessesPanel(page, session)
             self.pins = PinPanel(page, self.grips, session)
-            copying = {"Copy": self.copy, "Paste": self.paste}
             page.buttons(
-                "Pose", tuple(copying), lambda name: copying[name](),
+                "Pose", ("Copy", "Paste"), lambda name: self.copy() if name == "Copy" else self.paste(),
                 "Copies the pose you see; pastes its joints into the frame shown. Alt C, Alt V.",
             )  # fmt: skip
             self.copied_from = gui.add_html("")
@@ -401,17 +400,11 @@ def _dot(group: str) -> str:
 
 def _cell(name: str, std: float) -> str:
     shown = std / unit_of(name)
-    unit = "" if name.startswith("root_t") else "°"
-    text = (
-        "unseen"
-        if not math.isfinite(std)
-        else f"{shown:.1f}{unit}"
-        if shown < 10
-        else f"{shown:.0f}{unit}"
-    )
-    share = 1.0 if not math.isfinite(std) else min(shown / 20.0, 1.0)
+    text = f"{shown:.{int(shown < 10)}f}{'' if name.startswith('root_t') else '°'}"
+    if not math.isfinite(std):
+        text = "unseen"
     low, high = np.array([47, 75, 110]), np.array([240, 228, 66])
-    ground = low + share * (high - low)
+    ground = low + np.fmin(shown / 20.0, 1.0) * (high - low)
     title = html.escape(f"{name}: ± {text}")
     return (
         f"<td title='{title}' style='background:{rgb(ground)};color:{ink_on(ground)};border-radius:3px;"
@@ -458,10 +451,11 @@ class GuessesPanel:
             self.takes = page.buttons(
                 "Take", ("1",), lambda rank: self.take(int(rank) - 1), "Set this frame's pose to one of these."
             )  # fmt: skip
-            page.check(
-                "Ghosts", True, partial(page.draw, "ghosts"),
+            page.toggle(
+                "Ghosts",
+                "ghosts",
                 "Draw these poses in the scene, each in the colour of its number.",
-            )  # fmt: skip
+            )
 
     def search(self, anywhere: bool = False, fetch: bool = False) -> None:
         """Detect the model in the frame shown, or in the surest of several."""

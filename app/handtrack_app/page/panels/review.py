@@ -16,7 +16,7 @@ from handtrack.store.spans import Span
 from handtrack_app.page.html import card, picture, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose import GuessesPanel
-from handtrack_app.page.panels.tracking import Order, TrackingPanel
+from handtrack_app.page.panels.tracking import TrackingPanel
 from handtrack_app.protocol.snapshots import CloseSnapshot, Notice, TimelineSnapshot
 
 _ROWS = 8  # of the list, on one page
@@ -199,8 +199,8 @@ class ReviewPanel:
         tracked = bool((strip.status >= 0).any() or strip.by_hand)
         put(self.head, content=head_words(strip, self.at, self.done))
         self._show_cameras(strip)
-        put(self.accept_next, visible=bool(self.stretches))
-        put(self.go, visible=bool(self.stretches))
+        for button in (self.accept_next, self.go):
+            put(button, visible=bool(self.stretches))
         put(self.accept, visible=tracked)
         put(self.release, visible=bool(strip.accepted))
         first = self._first_row
@@ -364,7 +364,7 @@ class NextStep:
             return (
                 "",
                 f"Continue from frame {last + 1}",
-                lambda _: self.tracking.begin(Order(last, stop, last)),
+                lambda _: self.tracking.track(last, stop, last),
             )
         count = len(self.review.stretches)
         if count and self.review.at is None:

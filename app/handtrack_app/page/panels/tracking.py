@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import html
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,17 +25,6 @@ from handtrack_app.protocol.snapshots import (
 _SIZE = "model.fit_size"
 
 
-@dataclass(frozen=True)
-class Order:
-    """Frames [start, stop) to be tracked, as `JobControl.track` takes them."""
-
-    start: int
-    stop: int
-    first: int
-    anew: bool = False
-    both_ends: bool = False
-
-
 @dataclass
 class TrackingPanel:
     """Handles of the tracking tab."""
@@ -45,7 +36,6 @@ class TrackingPanel:
     strip: TimelineSnapshot
     starters: list[Any] = field(default_factory=list)
     rerun: viser.GuiMarkdownHandle | None = None
-    range: viser.GuiMultiSliderHandle[int] | None = None
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer what the session's size allows."""
@@ -155,17 +145,33 @@ class TrackingPanel:
 
     def start(self, which: str) -> None:
         """Track: `all`, `here`, `range`, or as a button of the panel says."""
-        order = self.order(which)
-        if order is not None or which == "live":
-            self.begin(order)
-
-    def begin(self, order: Order | None) -> None:
-        """Track frames; None: what running cameras show."""
-        self.page.play(False)
-        if order is None:
-            self.page.engine.track_live()
+        session, frame, strip = self.session, self.page.state.frame, self.strip
+        if which == "live":
+            self._begin(self.page.engine.track_live)
+        elif which == "all":
+            self.track(session.start, session.stop, session.first_frame, anew=True)
+        elif which == "between":
+            if (ends := frozen_ends(strip, frame)) is not None:
+                self.track(ends[0], ends[1] + 1, ends[0], both_ends=True)
+        elif which == "here":
+            self.track(frame, frame + 1, frame)
+        elif session.live:
+            return  # there is but one frame
+        elif which == "forward ▶":
+            self.track(frame, session.stop, frame)
+        elif which == "◀ backward":
+            self.track(session.start, frame + 1, frame)
         else:
-            self.page.engine.track(**asdict(order))
+            first, last = self._chosen
+            self.track(first, last + 1, nearest_posed(strip, first, last, frame))
+
+    def track(self, start: int, stop: int, first: int, **how: bool) -> None:
+        """Track frames [start, stop) from the first one, as `JobControl.track` does."""
+        self._begin(partial(self.page.engine.track, start, stop, first, **how))
+
+    def _begin(self, job: Callable[[], None]) -> None:
+        self.page.play(False)
+        job()
         self._follow(True)
 
     def pause_or_go_on(self) -> None:
@@ -183,28 +189,14 @@ class TrackingPanel:
 
     def _name_range(self) -> None:
         """The slider itself shows no numbers: they stand in its label."""
-        order = self.order("range")
-        if order is not None and self.range is not None:
-            self.range.label = f"{order.start}\u2060…\u2060{order.stop - 1}"
+        self.range.label = "\u2060…\u2060".join(map(str, self._chosen))
 
-    def order(self, which: str) -> Order | None:
-        """Return what a button tracks."""
-        session, frame = self.session, self.page.state.frame
-        if which == "all":
-            return Order(session.start, session.stop, session.first_frame, anew=True)
-        if which == "between":
-            ends = frozen_ends(self.strip, frame)
-            return None if ends is None else Order(ends[0], ends[1] + 1, ends[0], both_ends=True)
-        if which == "here":
-            return Order(frame, frame + 1, frame)
-        if self.range is None:
-            return None
-        if which == "forward ▶":
-            return Order(frame, session.stop, frame)
-        if which == "◀ backward":
-            return Order(session.start, frame + 1, frame)
+    @property
+    def _chosen(self) -> tuple[int, int]:
+        """The first and last frame of the range."""
+        session = self.session
         first, last = np.clip(sorted(self.range.value), session.start, session.stop - 1).tolist()
-        return Order(first, last + 1, nearest_posed(self.strip, first, last, frame))
+        return first, last
 
     def show(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing; only what can be pressed now is there."""

@@ -73,7 +73,6 @@ class SessionPanel:
             self.mode = page.choice(
                 "Model style", _MODE_WORDS, partial(page.draw, "mode"),
                 "Surface: used for point-cloud fitting; during playback the ellipsoids are shown instead.",
-                _word_of(_MODE_WORDS, display.mode),
             )  # fmt: skip
             self.opacity = gui.add_slider("Opacity", 0.1, 1.0, 0.05, display.opacity)
             page.bind(self.opacity, partial(page.draw, "opacity"))
@@ -88,22 +87,22 @@ class SessionPanel:
                 )
                 ZoomKeys(page, self.stage.looking)
                 self.paint = gui.add_dropdown(
-                    "Overlay", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
+                    "Overlay", tuple(_PAINT_WORDS), initial_value="model's outline",
                     hint=page.say(_PAINT_HINT),
                 )  # fmt: skip
-                self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
-                self._toggle(
+                page.toggle("Cameras", "cameras", "Draw the cameras in the scene.")
+                page.toggle(
                     "Live images",
                     "images",
                     "Show each camera's image of this frame, in the scene and above.",
                 )
             with gui.add_folder("Show"):
-                self._toggle(
+                page.toggle(
                     "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it. Without it Shift and a drag pull any "
                     "joint or segment in the free view.",
                 )  # fmt: skip
                 if session.has_truth:
-                    self._toggle("Ground truth", "truth", "True joints, white.")
+                    page.toggle("Ground truth", "truth", "True joints, white.")
             self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
             page.button(
                 "Light or dark", self.room.turn_light, "sun-moon", "Of this page. Light is for print and projectors.",
@@ -118,16 +117,11 @@ class SessionPanel:
         )
 
     def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
-        for words, key, act in (
-            *(
-                (f"Camera view: {name}", str(i), partial(self._show_look, name))
-                for i, name in enumerate(cameras[:9], start=1)
-            ),
-            ("Next overlay: outline, residual, …", "O", self._next_paint),
-            ("Orbit view", "0", partial(self._show_look, None)),
-            ("See the {kind} in all cameras", "B", partial(self._show_look, ALL)),
-        ):
-            self.page.key(words, key, act, by_page=True)
+        looks = [(f"Camera view: {name}", str(i), name) for i, name in enumerate(cameras[:9], 1)]
+        more = ("Orbit view", "0", None), ("See the {kind} in all cameras", "B", ALL)
+        for words, key, camera in (*looks, *more):
+            self.page.key(words, key, partial(self._show_look, camera), by_page=True)
+        self.page.key("Next overlay: outline, residual, …", "O", self._next_paint, by_page=True)
 
     def show_pictures(self, made: PictureSnapshot) -> None:
         """Show what the cameras see, side by side."""
@@ -138,10 +132,6 @@ class SessionPanel:
             }
             put(self.sheet, content=pictures(named))
         put(self.sheet, visible=wanted)
-
-    def _toggle(self, label: str, name: str, hint: str) -> None:
-        page = self.page
-        page.check(label, getattr(page.state.display, name), partial(page.draw, name), hint)
 
     def _look(self, client: viser.ClientHandle, chosen: str) -> None:
         self.stage.look({FREE: None, TOGETHER: ALL}.get(chosen, chosen), client)
@@ -180,13 +170,9 @@ def leave_button(page: Page) -> viser.GuiButtonHandle:
     return page.button("Other recordings …", page.leave, "folders", hint)
 
 
-def _word_of(words: dict[str, str], value: str) -> str:
-    return next(word for word, own in words.items() if own == value)
-
-
 def head(session: SessionSnapshot | None, progress: ProgressSnapshot, saved: str = "") -> str:
     """Return the head of the main panel: session, hand, what is going on, and whether the work is saved."""
-    word, colour = _STATES.get(progress.state, ("Busy", "#56b4e9"))
+    word, colour = _STATES[progress.state]
     title, facts = "Opening …", ""
     if session is not None:
         title = html.escape(session.name)
@@ -333,21 +319,17 @@ class ZoomKeys:
         """Add the buttons where the page builds now, and the keys."""
         views, say = self.looking.views, self.page.say
         views.changed = self._say
-        acts: dict[str, Callable[[viser.ClientHandle], None]] = {
-            say("{Kind}"): views.to_hand,
-            "In": lambda client: views.zoom_by(client, _STEP),
-            "Out": lambda client: views.zoom_by(client, 1 / _STEP),
-            "All": views.fit,
-        }
+        acts: dict[str, Callable[[viser.ClientHandle], None]] = {}
+        for label, key, words, act in (
+            (say("{Kind}"), "C", "View: the {kind}, and back into the camera", views.to_hand),
+            ("In", "Z", "View: nearer", lambda client: views.zoom_by(client, _STEP)),
+            ("Out", "X", "View: wider", lambda client: views.zoom_by(client, 1 / _STEP)),
+            ("All", "V", "View: the whole image", views.fit),
+        ):
+            self.page.key(words, key, act, by_page=True)
+            acts[label] = act
         buttons = self.page.gui.add_button_group("Zoom", tuple(acts), hint=say(_HINT))
         self.page.own(buttons, lambda client, what: acts[what](client))
-        for words, key, act in (
-            ("View: the {kind}, and back into the camera", "C", say("{Kind}")),
-            ("View: nearer", "Z", "In"),
-            ("View: wider", "X", "Out"),
-            ("View: the whole image", "V", "All"),
-        ):
-            self.page.key(words, key, acts[act], by_page=True)
 
     def _say(self, client: viser.ClientHandle, view: Through | None) -> None:
         line = self._lines.get(client.client_id)

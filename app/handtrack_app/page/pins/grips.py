@@ -13,14 +13,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
-import viser.transforms as vtf
 
 from handtrack.arrays import D3, D6, Floats
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix, rotation_vector
+from handtrack.geometry.rotation import (
+    matrix_from_quaternion,
+    quaternion_wxyz,
+    rotation_matrix,
+    rotation_vector,
+)
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page, put
-from handtrack_app.page.scene.model_view import add_batch, ball
+from handtrack_app.page.scene.model_view import add_batch, ball, unturned
 from handtrack_app.page.scene.zoom import Pixel, ray_pixel
 from handtrack_app.protocol.palette import CONTRADICTED, PIN
 from handtrack_app.protocol.snapshots import (
@@ -102,25 +106,22 @@ class Grips:
     def place(self) -> None:
         """Stand grips where the hand is, for those who look through a camera; for nobody else."""
         with self._lock:
-            self._place()
-
-    def _place(self) -> None:
-        here, pose = self._page.server.get_clients(), self._pose
-        looking = {number for number in here if self._card_of(number) is not None}
-        self._let_go([number for number in self._grips if number not in looking])
-        self._offer()
-        for number in looking ^ self._aside if self._is_offered else ():
-            self._stand_aside(number, aside=number in looking)
-        if len(pose.centre) != len(self._session.radii):
-            return
-        for number in looking:
-            grip = self._grips.get(number)
-            if grip is None:
-                grip = self._grips[number] = self._add(here[number], self._session)
-            turns = quaternion_wxyz(pose.rotation)
-            still = np.tile([1.0, 0.0, 0.0, 0.0], (len(pose.joints), 1))
-            grip.batched_positions = np.concatenate([pose.centre, pose.joints]).astype(np.float32)
-            grip.batched_wxyzs = np.concatenate([turns, still]).astype(np.float32)
+            here, pose = self._page.server.get_clients(), self._pose
+            looking = {number for number in here if self._card_of(number) is not None}
+            self._let_go([number for number in self._grips if number not in looking])
+            self._offer()
+            for number in looking ^ self._aside if self._is_offered else ():
+                self._stand_aside(number, aside=number in looking)
+            if len(pose.centre) != len(self._session.radii):
+                return
+            places = np.concatenate([pose.centre, pose.joints]).astype(np.float32)
+            turns = unturned(len(places))
+            turns[: len(pose.centre)] = quaternion_wxyz(pose.rotation)
+            for number in looking:
+                if number not in self._grips:
+                    self._grips[number] = self._add(here[number], self._session)
+                grip = self._grips[number]
+                grip.batched_positions, grip.batched_wxyzs = places, turns
 
     def offer(self, nodes: Iterable[Node]) -> None:
         """Let what is drawn of the hand be taken hold of with Shift: in a free view, too, where a drag alone turns the view.
@@ -267,7 +268,7 @@ def view_card(camera: viser.CameraHandle) -> Camera:
     width, height = max(camera.image_width, 1), max(camera.image_height, 1)
     focal = 0.5 * height / np.tan(0.5 * float(camera.fov))
     matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
-    turn = vtf.SO3(np.asarray(camera.wxyz, dtype=float)).as_matrix().T
+    turn = matrix_from_quaternion(camera.wxyz).T
     return Camera("", (width, height), matrix, np.zeros(5), turn, -turn @ np.array(camera.position))
 
 
@@ -292,10 +293,7 @@ def hold_at(
     at: Floats[D3],
 ) -> Hold | None:
     """Return what is held where a pointer meets an ellipsoid at a point, world [m]; None for what is not of this pose."""
-    if not 0 <= ellipsoid < len(session.ellipsoid_bone) or not np.isfinite(at).all():
-        return None
-    way = at - card.centre
-    pixel = ray_pixel(card, way)
+    pixel = ray_pixel(card, at - card.centre)
     if pixel is None:
         return None
     near = near_joint_m(session) * float(card.pixels_per_m(card.to_camera(at)[2]))
@@ -451,9 +449,8 @@ class PinMarks:
                 away = np.linalg.norm(back, axis=1, keepdims=True)
                 heads = meant + back * np.minimum(larger * _BEFORE_M / np.maximum(away, 1e-9), 0.5)
                 places = np.array([pin.place for pin in pins])
-                turn = np.array([1.0, 0.0, 0.0, 0.0], np.float32)
                 self._heads.batched_positions = heads.astype(np.float32)
-                self._heads.batched_wxyzs = np.tile(turn, (len(pins), 1))
+                self._heads.batched_wxyzs = unturned(len(pins))
                 missed = np.array([pin.off_m > near_joint_m(session) for pin in pins])
                 heads_m = larger**0.75 * _HEAD_M * np.where(missed, _MISSED, 1.0)
                 self._heads.batched_scales = heads_m.astype(np.float32)
@@ -461,5 +458,5 @@ class PinMarks:
                 self._heads.batched_colors = colours
                 self._threads.colors = np.repeat(colours[:, None], 2, axis=1)
                 self._threads.points = np.stack([heads, places], axis=1).astype(np.float32)
-            put(self._heads, visible=bool(pins))
-            put(self._threads, visible=bool(pins))
+            for drawn in (self._heads, self._threads):
+                put(drawn, visible=bool(pins))

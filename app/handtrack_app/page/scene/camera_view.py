@@ -8,13 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import viser
-import viser.transforms as vtf
 
 from handtrack.arrays import D3, Bytes, Floats, H, N, W
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import quaternion_wxyz
+from handtrack.geometry.rotation import matrix_from_quaternion, quaternion_wxyz
 from handtrack_app.page.page import Display, put
-from handtrack_app.page.scene.viewpoint import frustum_depth, frustum_scale
+from handtrack_app.page.scene.viewpoint import frustum_depth
 from handtrack_app.page.scene.zoom import Eye, ray_pixel
 from handtrack_app.protocol.palette import residual_colours
 from handtrack_app.protocol.snapshots import (
@@ -25,77 +24,60 @@ from handtrack_app.protocol.snapshots import (
 )
 
 
-@dataclass
-class CameraRigView:
-    """Handles of the cameras."""
+class CameraRig:
+    """The cameras as frusta with small images, and their names."""
 
-    cards: dict[str, Camera]
-    frusta: dict[str, viser.CameraFrustumHandle]
-    labels: dict[str, viser.LabelHandle]
-    frame: int | None = None
-    """what the small images are of"""
+    def __init__(self, server: viser.ViserServer, name: str, session: SessionSnapshot) -> None:
+        self.cards = {card.name: card for card in session.cameras}
+        self.frusta: dict[str, viser.CameraFrustumHandle] = {}
+        self.labels: dict[str, viser.LabelHandle] = {}
+        self.frame: int | None = None
+        """what the small images are of"""
+        server.scene.add_frame(name, show_axes=False)
+        for card in session.cameras:
+            width, height = card.size
+            self.frusta[card.name] = server.scene.add_camera_frustum(
+                f"{name}/{card.name}", fov=1.0, aspect=width / height, thickness=1.5, thickness_units="screen",
+                color=(150, 158, 168), image=np.full((60, 80, 3), 40, np.uint8), format="jpeg", cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+            self.labels[card.name] = server.scene.add_label(f"{name}/{card.name}/label", card.name)
+        self.move(session)
 
+    def move(self, session: SessionSnapshot) -> None:
+        """Put the cameras where they are now: one may have been corrected."""
+        for card in session.cameras:
+            self.cards[card.name], frustum = card, self.frusta[card.name]
+            frustum.fov = float(2 * np.arctan(card.size[1] / 2 / card.matrix[1, 1]))
+            frustum.wxyz, frustum.position = quaternion_wxyz(card.rotation.T), card.centre
 
-def add_cameras(
-    server: viser.ViserServer, name: str, session: SessionSnapshot, hand: Floats[D3]
-) -> CameraRigView:
-    """Add a frustum for each camera. hand: where the hand is at first [m]."""
-    frusta, labels = {}, {}
-    server.scene.add_frame(name, show_axes=False)
-    for card in session.cameras:
-        width, height = card.size
-        fov = 2 * np.arctan(height / 2 / card.matrix[1, 1])
-        frusta[card.name] = server.scene.add_camera_frustum(
-            f"{name}/{card.name}", fov=float(fov), aspect=width / height, thickness=1.5, thickness_units="screen",
-            color=(150, 158, 168), image=np.full((60, 80, 3), 40, np.uint8), format="jpeg",
-            wxyz=quaternion_wxyz(card.rotation.T), position=card.centre, cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
-        labels[card.name] = server.scene.add_label(f"{name}/{card.name}/label", card.name)
-    view = CameraRigView({card.name: card for card in session.cameras}, frusta, labels)
-    size_cameras(view, hand)
-    return view
+    def size(self, hand: Floats[D3]) -> None:
+        """Draw the cameras as large as they may be before a hand at `hand` [m]."""
+        for name, frustum in self.frusta.items():
+            card = self.cards[name]
+            down, depth = card.size[1] / 2 / card.matrix[1, 1], frustum_depth(card, hand)
+            # viser's scale is that of the volume
+            frustum.scale = float(depth * np.cbrt(down * down * card.size[0] / card.size[1] / 3))
+            self.labels[name].position = (0.0, -1.12 * down * depth, depth)
 
+    def show(self, display: Display) -> None:
+        """Apply the display options."""
+        for name, frustum in self.frusta.items():
+            frustum.visible = self.labels[name].visible = display.cameras
+            if not display.images:
+                frustum.image = None
 
-def move_cameras(view: CameraRigView, session: SessionSnapshot) -> None:
-    """Put the cameras where they are now: one may have been corrected."""
-    for card in session.cameras:
-        view.cards[card.name], frustum = card, view.frusta[card.name]
-        frustum.fov = float(2 * np.arctan(card.size[1] / 2 / card.matrix[1, 1]))
-        frustum.wxyz, frustum.position = quaternion_wxyz(card.rotation.T), card.centre
+    def show_images(self, images: dict[str, Bytes[H, W, D3]], frame: int) -> None:
+        """Show small images of a frame."""
+        self.frame = frame
+        for name, image in images.items():
+            self.frusta[name].image = image
 
-
-def size_cameras(view: CameraRigView, hand: Floats[D3]) -> None:
-    """Draw the cameras as large as they may be before a hand at `hand` [m]."""
-    for name, frustum in view.frusta.items():
-        card = view.cards[name]
-        down, depth = card.size[1] / 2 / card.matrix[1, 1], frustum_depth(card, hand)
-        frustum.scale = frustum_scale(card.size, down, depth)
-        view.labels[name].position = (0.0, -1.12 * down * depth, depth)
-
-
-def show_cameras(view: CameraRigView, display: Display) -> None:
-    """Apply the display options to the frusta."""
-    for name, frustum in view.frusta.items():
-        frustum.visible = display.cameras
-        view.labels[name].visible = frustum.visible
-        if not display.images:
-            frustum.image = None
-
-
-def update_thumbnails(view: CameraRigView, images: dict[str, Bytes[H, W, D3]], frame: int) -> None:
-    """Put small images of a frame onto the frusta."""
-    view.frame = frame
-    for name, image in images.items():
-        if name in view.frusta:
-            view.frusta[name].image = image
-
-
-def clear_late(view: CameraRigView, moments: Moments) -> None:
-    """Show no small images of a frame that was shown too long ago, until others come."""
-    if view.frame is not None and not moments.fits(view.frame):
-        view.frame = None
-        for frustum in view.frusta.values():
-            frustum.image = None
+    def clear_late(self, moments: Moments) -> None:
+        """Show no small images of a frame that was shown too long ago, until others come."""
+        if self.frame is not None and not moments.fits(self.frame):
+            self.frame = None
+            for frustum in self.frusta.values():
+                frustum.image = None
 
 
 def bare(display: Display) -> Display:
@@ -112,7 +94,7 @@ def pixel_box(
 
     corners: opposite ones, as shares of the window. None for a rectangle beside the image.
     """
-    turn = vtf.SO3(np.asarray(client_camera.wxyz, dtype=float)).as_matrix()
+    turn = matrix_from_quaternion(client_camera.wxyz)
     view = Eye(turn, float(np.tan(0.5 * client_camera.fov)), float(client_camera.aspect))
     (left, top), (right, bottom) = corners
     places = [ray_pixel(card, view.ray((x, y))) for x in (left, right) for y in (top, bottom)]
@@ -121,8 +103,8 @@ def pixel_box(
     low, high = np.min(places, axis=0), np.max(places, axis=0)  # type: ignore[arg-type]
     low = np.clip(np.round(low), 0, np.array(card.size) - 1)
     high = np.clip(np.round(high), 0, card.size)
-    width, height = (high - low).astype(int)
-    return (int(low[0]), int(low[1]), int(width), int(height)) if width > 1 and height > 1 else None
+    x, y, width, height = np.concatenate([low, high - low]).astype(int).tolist()
+    return (x, y, width, height) if width > 1 and height > 1 else None
 
 
 # ---- Which frames were shown a moment ago: what is made of one comes later than its hand, and may stand for so long
@@ -162,43 +144,36 @@ class Moments:
 _PLAIN = (225, 228, 232)
 
 
-@dataclass
 class CloudView:
     """The points and the snapshot that they are of."""
 
-    points: viser.PointCloudHandle
-    cloud: CloudSnapshot | None = None
-    lock: threading.Lock = field(default_factory=threading.Lock)
-    """frames come on one thread, display options on others: the colours shown are of the latest of both"""
+    def __init__(self, server: viser.ViserServer, name: str) -> None:
+        """Add the points, hidden until the first ones come."""
+        self.points = server.scene.add_point_cloud(
+            name, np.zeros((0, 3), np.float32), _PLAIN, point_shape="circle", precision="float32", point_shading="flat", visible=False,
+        )  # fmt: skip
+        self.cloud: CloudSnapshot | None = None
+        self._lock = threading.RLock()
+        """frames come on one thread, display options on others: the colours shown are of the latest of both"""
 
+    def take(self, cloud: CloudSnapshot, display: Display) -> None:
+        """Take a frame's cloud; where only the hand moved, the points stay and their colours change."""
+        with self._lock:
+            before, self.cloud = self.cloud, cloud
+            if before is None or not np.array_equal(before.points, cloud.points):
+                self.points.points = cloud.points
+            self.colour(display)
 
-def add_cloud(server: viser.ViserServer, name: str) -> CloudView:
-    """Add the cloud, empty and hidden."""
-    none = np.zeros((0, 3), np.float32)
-    return CloudView(server.scene.add_point_cloud(
-        f"{name}/points", none, _PLAIN, point_size=0.0016, point_shape="circle", precision="float32", point_shading="flat", visible=False,
-    ))  # fmt: skip
+    def colour(self, display: Display) -> None:
+        """Colour the points as the display options say."""
+        with self._lock:
+            if self.cloud is not None:
+                self.points.colors = cloud_colours(self.cloud, display.cloud_colour)
 
-
-def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> None:
-    """Take a frame's cloud; where only the hand moved, the points stay and their colours change."""
-    with view.lock:
-        before, view.cloud = view.cloud, cloud
-        if before is None or not np.array_equal(before.points, cloud.points):
-            view.points.points = cloud.points
-        view.points.colors = cloud_colours(cloud, display.cloud_colour)
-
-
-def show_cloud(view: CloudView, display: Display, moments: Moments, recolour: bool = False) -> None:
-    """Apply the display options; a cloud of another frame than those shown now is hidden."""
-    cloud = view.cloud
-    known = cloud is not None and moments.fits(cloud.frame)
-    put(view.points, visible=display.cloud and known)
-    put(view.points, point_size=1e-3 * display.cloud_size_mm)
-    if recolour:
-        with view.lock:
-            if view.cloud is not None:
-                view.points.colors = cloud_colours(view.cloud, display.cloud_colour)
+    def show(self, display: Display, moments: Moments) -> None:
+        """Apply the other display options; a cloud of another frame than those shown now is hidden."""
+        known = self.cloud is not None and moments.fits(self.cloud.frame)
+        put(self.points, visible=display.cloud and known, point_size=1e-3 * display.cloud_size_mm)
 
 
 def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes[N, D3]:

@@ -27,32 +27,42 @@ _STILL_M, _STILL_RAD = 1e-5, np.deg2rad(0.01)
 """a control that is clicked comes back with its pose rounded; a pixel of a drag is a tenth of a millimetre and more"""
 
 
-@dataclass
 class RootHandle:
     """A transform control at the wrist."""
 
-    control: viser.TransformControlsHandle
-    on_edit: RootEdit
-    dragging: bool = False
-    _drags: int = 0
-    _shown: Floats[D6] | None = None
-    """where a drag takes hold of it"""
-    _words: str = ""
-    """what the drag did so far"""
+    def __init__(
+        self, server: viser.ViserServer, name: str, on_edit: RootEdit, larger: float
+    ) -> None:
+        """Add the control; `on_edit` receives what a drag of it does. larger: than a hand's."""
+        self._on_edit = on_edit
+        self._dragging, self._drags = False, 0
+        self._shown: Floats[D6] | None = None
+        """where a drag takes hold of it"""
+        self._words = ""
+        """what the drag did so far"""
+        self.control = server.scene.add_transform_controls(
+            name, scale=0.09 * larger, line_width=2.5, disable_sliders=True, depth_test=False, opacity=0.9, visible=False
+        )  # fmt: skip
+
+        # in order, on viser's loop: a little arithmetic, and sent on
+        @self.control.on_update
+        async def _(event: viser.TransformControlsEvent) -> None:
+            self._dragged(event.phase)
 
     def show_at(self, root: Floats[D6]) -> None:
         """Move the control to the root parameters [m, rad], unless the user holds it."""
-        if not self.dragging:
+        if not self._dragging:
             self._shown = root.copy()
             self.control.position = root[:3]
             self.control.wxyz = quaternion_wxyz(rotation_matrix(root[3:6]))
 
-    def dragged(self, phase: str) -> None:
+    def _dragged(self, phase: str) -> None:
         """Follow a drag. A click moves nothing, and is no edit."""
-        if not self.dragging:
+        if not self._dragging:
             self._drags, self._words = self._drags + 1, ""
-        self.dragging, start = phase != "end", self._shown
-        root = root_parameters(self.control.position, self.control.wxyz)
+        self._dragging, start = phase != "end", self._shown
+        turn = rotation_vector(matrix_from_quaternion(self.control.wxyz))
+        root = np.concatenate([self.control.position, turn])
         if start is None or np.abs(root[:3]).max() > _FAR_M:
             return
         moved = np.linalg.norm(root[:3] - start[:3]) > _STILL_M
@@ -62,7 +72,7 @@ class RootHandle:
             self._words = "Turn" if turned else "Move"
         if self._words:
             edit: dict[str, float] = dict(zip(ROOT, root.tolist(), strict=True))
-            self.on_edit(edit, self._words, f"handle {self._drags}", True)
+            self._on_edit(edit, self._words, f"handle {self._drags}", True)
 
 
 @dataclass
@@ -116,33 +126,3 @@ class GrabKeys:
                 not self._axis or (axis == self._axis) == (self._kind == "G") for axis in "XYZ"
             )
             control.active_axes = x, y, z
-
-
-def add_root_handle(
-    server: viser.ViserServer, name: str, on_edit: RootEdit, larger: float = 1.0
-) -> RootHandle:
-    """Add the control; `on_edit` receives what a drag of it does. larger: than a hand's."""
-    control = server.scene.add_transform_controls(
-        name,
-        scale=0.09 * larger,
-        line_width=2.5,
-        disable_sliders=True,
-        depth_test=False,
-        opacity=0.9,
-        visible=False,
-    )
-    handle = RootHandle(control, on_edit)
-
-    # in order, on viser's loop: a little arithmetic, and sent on
-    @control.on_update
-    async def _(event: viser.TransformControlsEvent) -> None:
-        handle.dragged(event.phase)
-
-    return handle
-
-
-def root_parameters(position: object, wxyz: object) -> Floats[D6]:
-    """Return the root parameters of a control's pose, which the door has let pass: numbers, and a direction."""
-    turn = np.asarray(wxyz, dtype=float)
-    rotation = matrix_from_quaternion(turn / np.linalg.norm(turn))
-    return np.concatenate([np.asarray(position, dtype=float), rotation_vector(rotation)])

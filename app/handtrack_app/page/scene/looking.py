@@ -12,11 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import viser
-import viser.transforms as vtf
 
 from handtrack.arrays import D3, Bytes, Floats, H, N, W
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import quaternion_wxyz
+from handtrack.geometry.rotation import matrix_from_quaternion, quaternion_wxyz
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import picture as as_html
 from handtrack_app.page.html import pictures
@@ -95,10 +94,10 @@ class Looking:
         card = self.card(number)
         for name in _IN_THE_WAY:
             internals.show_node(client, name, card is None)
+        (self.close_ups.enter if camera == ALL else self.close_ups.leave)(client)
         if card is None:
             self.views.leave(client)
-        (self.close_ups.enter if camera == ALL else self.close_ups.leave)(client)
-        if card is not None:
+        else:
             self.views.enter(client, card)
 
     def set_paint(self, client: int, paint: str) -> None:
@@ -356,12 +355,9 @@ class Views:
         with self._lock:
             self._through = self._page.present(self._through)
             if self._through.pop(client.client_id, None) is not None:
-                internals.send(
-                    client, internals.messages.SetCameraMaxOrbitDistanceMessage(_FREE_M[1])
-                )
-                internals.send(
-                    client, internals.messages.SetCameraMinOrbitDistanceMessage(_FREE_M[0])
-                )
+                messages, (least, most) = internals.messages, _FREE_M
+                internals.send(client, messages.SetCameraMaxOrbitDistanceMessage(most))
+                internals.send(client, messages.SetCameraMinOrbitDistanceMessage(least))
                 self.changed(client, None)
 
     def show_hand(self, points: Floats[N, D3], radii: Floats[N]) -> None:
@@ -441,7 +437,7 @@ class Views:
                     self.changed(client, through)
                 return
             near = float(np.linalg.norm(way))
-            ahead = vtf.SO3(np.asarray(camera.wxyz, dtype=float)).as_matrix()[:, 2]
+            ahead = matrix_from_quaternion(camera.wxyz)[:, 2]
             if near < 1e-9 or way @ ahead < (1 - 1e-6) * near:
                 return  # half of what it was told: the other half comes with the next frame that it draws
             self._take(client, through, way, near)

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import viser
-import viser.transforms as vtf
 
-from handtrack.arrays import D2, D3, B, Bytes, Floats, Ints, N, T, V
+from handtrack.arrays import D2, D3, D4, B, Bytes, Floats, Ints, N, T, V
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import Display, put
 from handtrack_app.protocol.palette import GHOSTS, SURFACE, TRUTH, colour_of, colours_of, linear
@@ -80,23 +79,14 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
     )  # fmt: skip
     points = batch("truth_points", small, np.full(21, 0.0028), TRUTH, cast_shadow=False)
     parts = tuple(
-        _add_part(server, f"{name}/part{i}", session, i) for i in range(len(session.parts))
-    )
+        scene.add_mesh_simple(
+            f"{name}/part{i}", part.vertices.astype(np.float32), part.faces.astype(np.uint32),
+            color=colour_of(session.bone_names[part.bone]), visible=False,
+        )
+        for i, part in enumerate(session.parts)
+    )  # fmt: skip
     part_bone = tuple(part.bone for part in session.parts)
     return HandView(flesh, rods, joints, lines, points, session.bone_length, parts, part_bone)
-
-
-def _add_part(
-    server: viser.ViserServer, name: str, session: SessionSnapshot, index: int
-) -> viser.MeshHandle:
-    part = session.parts[index]
-    return server.scene.add_mesh_simple(
-        name,
-        part.vertices.astype(np.float32),
-        part.faces.astype(np.uint32),
-        color=colour_of(session.bone_names[part.bone]),
-        visible=False,
-    )
 
 
 def update_hand(view: HandView, pose: PoseSnapshot, display: Display) -> None:
@@ -221,9 +211,14 @@ def add_batch(
     scene: viser.SceneApi, name: str, mesh: Solid, scales: Floats, **drawn: Any
 ) -> viser.BatchedMeshHandle:
     """Add as many of a mesh as there are scales; where they stand is told later. drawn: as `add_batched_meshes_simple` has it."""
-    turns, places = np.tile([1.0, 0.0, 0.0, 0.0], (len(scales), 1)), np.zeros((len(scales), 3))
+    turns, places = unturned(len(scales)), np.zeros((len(scales), 3))
     drawn |= {"batched_scales": scales.astype(np.float32), "lod": "off"}
     return scene.add_batched_meshes_simple(name, *mesh, turns, places, **drawn)
+
+
+def unturned(count: int) -> Floats[N, D4]:
+    """Return quaternions that turn nothing."""
+    return np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)).astype(np.float32)
 
 
 # ---- Where a hand is, of a pose as it is drawn
@@ -244,7 +239,7 @@ _LINE, _SECTION = (44, 48, 54), (62, 68, 76)
 
 
 def add_surroundings(
-    server: viser.ViserServer, hand: Floats[D3], up: Floats[D3], reach_m: float = HAND_REACH_M
+    server: viser.ViserServer, hand: Floats[D3], up: Floats[D3], reach_m: float
 ) -> None:
     """Add lights and the ground for a hand [m] in a world whose upward axis is `up`.
 
@@ -255,7 +250,6 @@ def add_surroundings(
     side = np.cross(up, (1.0, 0.0, 0.0) if abs(up[0]) < 0.8 else (0.0, 1.0, 0.0))
     side /= np.linalg.norm(side)
     frame = np.stack([side, np.cross(up, side), up], axis=1)
-    wxyz = vtf.SO3.from_matrix(frame).wxyz
     scene.add_light_hemisphere(
         "/light/sky", sky_color=(255, 255, 255), ground_color=(120, 120, 130), intensity=0.6
     )
@@ -266,7 +260,7 @@ def add_surroundings(
     scene.add_grid(
         "/ground", 3.0 * larger, 3.0 * larger, plane="xy", cell_size=0.05 * larger, section_size=0.25 * larger, cell_color=_LINE,
         section_color=_SECTION, cell_thickness=0.6, section_thickness=0.8, fade_distance=2.5 * larger,
-        fade_strength=1.5, shadow_opacity=0.0, wxyz=wxyz, position=hand - larger * _BELOW * up,
+        fade_strength=1.5, shadow_opacity=0.0, wxyz=quaternion_wxyz(frame), position=hand - larger * _BELOW * up,
     )  # fmt: skip
 
 

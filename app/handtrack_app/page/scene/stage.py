@@ -14,25 +14,13 @@ from handtrack_app.page.page import Display, Page, put
 from handtrack_app.page.pins.grips import Grips
 from handtrack_app.page.scene.camera_view import (
     CameraNames,
-    CameraRigView,
+    CameraRig,
     CloudView,
     Moments,
-    add_cameras,
-    add_cloud,
     bare,
-    clear_late,
-    move_cameras,
     pixel_box,
-    show_cameras,
-    show_cloud,
-    size_cameras,
-    update_cloud,
-    update_thumbnails,
 )
-from handtrack_app.page.scene.handles import (
-    RootHandle,
-    add_root_handle,
-)
+from handtrack_app.page.scene.handles import RootHandle
 from handtrack_app.page.scene.looking import Looking, Pointed
 from handtrack_app.page.scene.model_view import (
     Ghosts,
@@ -77,7 +65,7 @@ class Stage:
     def __init__(self, page: Page, session: SessionSnapshot, pose: PoseSnapshot) -> None:
         self.page, self.session, self.pose = page, session, pose
         server = page.server
-        self.cloud: CloudView = add_cloud(server, "/cloud")
+        self.cloud = CloudView(server, "/cloud/points")
         self.surface: viser.MeshHandle = add_surface(server, "/surface")
         self._surface_at: tuple[int, int, str] | None = None
         self.moments = Moments()
@@ -88,9 +76,10 @@ class Stage:
         self.take_guess: Callable[[int], None] = lambda rank: None
         self.stopped_painting: Callable[[], None] = lambda: None
         self.names = CameraNames()
-        self.cameras: CameraRigView = add_cameras(server, "/cameras", session, pose.middle)
+        self.cameras = CameraRig(server, "/cameras", session)
+        self.cameras.size(pose.middle)
         self.hand: HandView = add_hand(server, "/hand", session)
-        self.root: RootHandle = add_root_handle(server, "/root", page.edit_pose, self._larger)
+        self.root = RootHandle(server, "/root", page.edit_pose, self._larger)
         self.looking = Looking(page, self.names, self.cameras.cards)
         self.grips = Grips(page, self._grasped, session, pose)
         self.grips.offer((*self.hand.nodes, self.surface))
@@ -106,7 +95,7 @@ class Stage:
     def fit(self, session: SessionSnapshot) -> None:
         """Fit the scene to what changed of the session; the hand is rebuilt when its model changes."""
         before, self.session = self.session, session
-        move_cameras(self.cameras, session)
+        self.cameras.move(session)
         if (before.bone_names, before.model) != (session.bone_names, session.model):
             remove_hand(self.hand)
             self.hand = add_hand(self.page.server, "/hand", session)
@@ -122,13 +111,14 @@ class Stage:
         """Show and hide as the display options say."""
         display = self.display
         with self.page.server.atomic():
-            show_cloud(self.cloud, display, self.moments, recolour=True)
+            self.cloud.show(display, self.moments)
+            self.cloud.colour(display)
             self.ghosts.show(display.ghosts, self.pose.frame)
             self._show_flesh()
-            show_cameras(self.cameras, display)
+            self.cameras.show(display)
             self._show_handle()
             update_truth(self.hand, self.pose, display)
-            self.looking.place(self.display.field, self.pose.middle, self._larger)
+            self.looking.place(display.field, self.pose.middle, self._larger)
             self.grips.place()
 
     @property
@@ -230,7 +220,7 @@ class Stage:
         if not self.moments.fits(pictures.frame):
             return
         if not self.page.state.display.masks and pictures.thumbnails:
-            update_thumbnails(self.cameras, pictures.thumbnails, pictures.frame)
+            self.cameras.show_images(pictures.thumbnails, pictures.frame)
         self.looking.show(pictures.screens, pictures.frame)
 
     def show_masks(self, masks: MaskPicture) -> None:
@@ -238,14 +228,14 @@ class Stage:
         if not self.moments.fits(masks.frame):
             return
         if self.page.state.display.images:
-            update_thumbnails(self.cameras, masks.small, masks.frame)
+            self.cameras.show_images(masks.small, masks.frame)
         self.looking.show(masks.screens, masks.frame)
 
     def clear_late(self) -> None:
         """Show nothing any more that is of a frame that was shown too long ago. Called now and then."""
         self.looking.clear_late(self.moments)
-        clear_late(self.cameras, self.moments)
-        show_cloud(self.cloud, self.display, self.moments)
+        self.cameras.clear_late(self.moments)
+        self.cloud.show(self.display, self.moments)
 
     def show_surface(self, surface: SurfaceSnapshot) -> None:
         """Show the solver's surface, if it is that of the frame shown."""
@@ -267,7 +257,7 @@ class Stage:
 
     def _turn_to(self, hand: Floats) -> None:
         """Look at a hand that was found somewhere (3,) [m]."""
-        size_cameras(self.cameras, hand)
+        self.cameras.size(hand)
         for number, client in self.page.server.get_clients().items():
             if self.looking.card(number) is None:
                 look_from(client, hand_view(self.session, hand))
@@ -275,8 +265,8 @@ class Stage:
     def show_cloud(self, cloud: CloudSnapshot) -> None:
         """Show a frame's cloud."""
         with self.page.server.atomic():
-            update_cloud(self.cloud, cloud, self.display)
-            show_cloud(self.cloud, self.display, self.moments)
+            self.cloud.take(cloud, self.display)
+            self.cloud.show(self.display, self.moments)
             self._show_flesh()
 
     # ---- views

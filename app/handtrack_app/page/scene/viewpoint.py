@@ -79,8 +79,6 @@ def _hides(view: Viewpoint, axes: Floats, frustum: Floats, hand: Floats, reach_m
 
 def upward(session: SessionSnapshot) -> Floats[D3]:
     """Return the mean of the cameras' upward axes: worlds differ."""
-    if not session.cameras:
-        return np.array([0.0, 0.0, 1.0])
     up = -np.mean([card.rotation[1] for card in session.cameras], axis=0)
     if np.linalg.norm(up) < 0.2:
         up = -session.cameras[0].rotation[1]
@@ -90,13 +88,6 @@ def upward(session: SessionSnapshot) -> Floats[D3]:
 def frustum_depth(card: Camera, hand: Floats[D3]) -> float:
     """Return how deep a camera's frustum is drawn [m]: large enough to see its image, clear of the hand."""
     return float(np.clip(0.28 * np.linalg.norm(card.centre - hand), 0.05, 0.25))
-
-
-def frustum_scale(size: tuple[int, int], down: float, depth: float) -> float:
-    """Return viser's scale of a frustum, which is that of its volume. size: of the image [px]. down: tangent of half the angle from top
-    to bottom. depth: how deep it is drawn.
-    """
-    return float(depth * np.cbrt(down * down * size[0] / size[1] / 3))
 
 
 def frustum_corners(card: Camera, hand: Floats[D3]) -> Floats[D5, D3]:
@@ -109,24 +100,20 @@ def frustum_corners(card: Camera, hand: Floats[D3]) -> Floats[D5, D3]:
 
 
 def _axes(
-    session: SessionSnapshot, hand: Floats, up: Floats, raised: float, turn: float = 0.0
+    session: SessionSnapshot, hand: Floats, up: Floats, raised: float, turn: float
 ) -> Floats[D3, D3]:
     """Return the axes of a view from where the cameras are, raised by a share of the way, turned about `up` [rad]: unit vectors to
     the right, upward in the picture, and towards the viewer.
     """
-    back = np.array([0.0, -1.0, 0.3])
-    if session.cameras:
-        ways = [card.centre - hand for card in session.cameras]
-        back = np.mean([way / max(np.linalg.norm(way), 1e-9) for way in ways], axis=0)
-        if np.linalg.norm(back) < 0.4:  # they stand all around
-            back = ways[0]
-    back = back - (back @ up) * up
-    length = np.linalg.norm(back)
-    if length < 0.05:  # they look straight down, or up
-        back = -session.cameras[0].rotation[1] if session.cameras else np.array([1.0, 0, 0])
-        back = back - (back @ up) * up
-        length = max(float(np.linalg.norm(back)), 1e-9)
-    level = back / length
+    ways = [card.centre - hand for card in session.cameras]
+    back = np.mean([way / max(np.linalg.norm(way), 1e-9) for way in ways], axis=0)
+    if np.linalg.norm(back) < 0.4:  # they stand all around
+        back = ways[0]
+    level = back - (back @ up) * up
+    if np.linalg.norm(level) < 0.05:  # they look straight down, or up
+        above = session.cameras[0].rotation[1]
+        level = (above @ up) * up - above
+    level = level / max(float(np.linalg.norm(level)), 1e-9)
     away = np.cos(turn) * level + np.sin(turn) * np.cross(up, level) + raised * up
     away /= np.linalg.norm(away)
     right = np.cross(up, away)

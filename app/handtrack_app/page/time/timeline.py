@@ -37,12 +37,11 @@ class TimelinePanel:
     moved: Callable[[], None] = lambda: None
     """called when another part of the recording is shown"""
     _lanes: list[Lane] = field(default_factory=list)
-    _shown: int | None = None
     _pose: PoseSnapshot | None = None
 
     def __post_init__(self, session: SessionSnapshot) -> None:
         page, gui = self.page, self.page.gui
-        self.window = Window.whole(self.frames)
+        self.window, self._frame = Window.whole(self.frames), session.first_frame
         with self.tab:
             self.picture = gui.add_html("")
             self.cursor = gui.add_html("")
@@ -96,15 +95,16 @@ class TimelinePanel:
 
     def show_frame(self, frame: int) -> None:
         """Move slider and cursor to a frame; where it is beyond the part that is shown, that goes along."""
+        self._frame = frame
         self.look_at(self.window.around(frame))
         if self.slider.value != frame:
             put(self.slider, max=max(self.slider.max, frame))
             self.slider.value = frame
-        self.draw(frame)
+        self._show_numbers()
 
     def show_pose(self, pose: PoseSnapshot) -> None:
         """Stand at a pose, and show its own numbers."""
-        self._pose, self._shown = pose, None
+        self._pose = pose
         self.show_frame(pose.frame)
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
@@ -119,14 +119,11 @@ class TimelinePanel:
         self._lanes = lanes_of(self.strip, self.window, self.every)
         put(self.picture, content=lanes_picture(self._lanes, self.strip, self.window, self.every))
         put(self.slider, min=self.window.first, max=self.window.last)
-        frame = self.page.state.frame if self._shown is None else self._shown
-        self._shown = None
-        self.draw(frame)
+        self._show_numbers()
 
-    def draw(self, frame: int) -> None:
-        """Show the numbers of a frame, if something changed: those of the pose shown, where it is of that frame."""
-        if self._shown != frame:
-            self._shown = frame
-            pose = self._pose if self._pose is not None and self._pose.frame == frame else None
-            row = self.frames.index(frame) if frame in self.frames else None
-            put(self.cursor, content=cursor_picture(self._lanes, row, pose))
+    def _show_numbers(self) -> None:
+        """Show the numbers of the frame: those of the pose shown, where it is of that frame."""
+        frame, pose = self._frame, self._pose
+        pose = pose if pose is not None and pose.frame == frame else None
+        row = self.frames.index(frame) if frame in self.frames else None
+        put(self.cursor, content=cursor_picture(self._lanes, row, pose))
