@@ -102,26 +102,11 @@ def mark(slider: viser.GuiMultiSliderHandle[float], value: float) -> None:
         slider._marks = marks
 
 
-def show_node(client: viser.ClientHandle, node: str, visible: bool) -> None:
-    """Show or hide a node for one client."""
-    send(client, messages.SetSceneNodeVisibilityMessage(node, visible))
-
-
-def let_drag(client: viser.ClientHandle, node: str, bindings: tuple[DragBinding, ...]) -> None:
-    """Set by which buttons one client drags a node."""
-    send(client, messages.SetSceneNodeDragBindingsMessage(node, bindings))
-
-
 def fold_panel(client: viser.ClientHandle, gui: viser.GuiApi, panel: Any, folded: bool) -> None:
     """Fold a panel or open it, for one client."""
     send(client, messages.GuiSetPanelCollapsedMessage(
         panel._placement_uuid, folded, gui._next_layout_counter(), gui._layout_run_id
     ))  # fmt: skip
-
-
-def ask_storage(server: viser.ViserServer, name: str, question: str) -> None:
-    """Ask all pages what their browsers keep under a name."""
-    server._websock_server.queue_message(messages.LocalStorageGetItemRequestMessage(name, question))
 
 
 def on_storage(server: viser.ViserServer, hear: Callable[[str], None]) -> None:

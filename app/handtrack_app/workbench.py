@@ -81,10 +81,6 @@ class Workbench:
         self.server: viser.ViserServer
 
     @property
-    def port(self) -> int:
-        return self.server.get_port()
-
-    @property
     def url(self) -> str:
         """The address of the page, with the token that lets in."""
         return self.door.url

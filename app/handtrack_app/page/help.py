@@ -10,7 +10,7 @@ from functools import partial
 import viser
 
 from handtrack_app.page.html import text
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Page, put, remembered
 from handtrack_app.page.panels.tracking import TrackingPanel
 
 _KEPT_AS = "handtrack.toured"  # in the browser's storage
@@ -74,9 +74,7 @@ class Help:
     def welcome(self, client: viser.ClientHandle) -> None:
         """Offer the tour to a page whose browser knows of none."""
         if self.offers_tour:
-            self.page.remembered(
-                client, _KEPT_AS, lambda kept: self.tour(client) if kept is None else None
-            )
+            remembered(client, _KEPT_AS, lambda kept: self.tour(client) if kept is None else None)
 
     def show(self, client: viser.ClientHandle) -> None:
         """Show all keys."""
@@ -134,14 +132,12 @@ class Help:
 
 
 _TEN = 10
-_Entry = tuple[str, str, Callable[[], object]]
 
 
 def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
     """Add them; each does what a button of the page does. Not W, A, S, D, Q, E, with whatever else: viser walks by them."""
     state = page.state
-
-    entries: list[_Entry] = [
+    for words, keys, act in (
         ("Undo", "cmd/ctrl+Z", partial(page.travel, back=True)),
         ("Redo", "cmd/ctrl+shift+Z", partial(page.travel, back=False)),
         ("Redo", "cmd/ctrl+Y", partial(page.travel, back=False)),
@@ -176,6 +172,5 @@ def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
         ("Refine all frames together", "shift+R", page.engine.refine),
         ("Save the track", "shift+V", page.engine.save_track),
         ("Save this pose as the first frame's", "", page.engine.save_pose),
-    ]
-    for words, keys, act in entries:
+    ):
         page.key(words, keys, act)

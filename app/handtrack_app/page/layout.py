@@ -119,7 +119,7 @@ class PageLayout:
             page.subscribe(LiveSnapshot, LivePanel(page, track).show)
         self.takes = TakesPanel(page, track)
         refits = RefitSwitch(page)
-        GrabKeys(page, lambda: stage.root)
+        GrabKeys(page, stage.root.control)
         joints = posing.add_tab("Joints")
         self.pose = PosePanel(page, card, joints, stage.grips, session, shown)
         self.guesses = self.pose.guesses

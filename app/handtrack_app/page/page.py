@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import logging
 import math
@@ -334,17 +333,6 @@ class Page:
         for target in clients if level == DONE else ():
             target.add_notification(title, text, color="teal", auto_close_seconds=8.0)
 
-    def remembered(
-        self, client: viser.ClientHandle, name: str, act: Callable[[str | None], None]
-    ) -> None:
-        """Call back as `remembered` does, while the page is there; what fails is told on it."""
-
-        def use(kept: str | None) -> None:
-            if client.client_id in self.server.get_clients():
-                self._tried(client, partial(act, kept))
-
-        remembered(client, name, use)
-
     def own(
         self,
         widget: viser.GuiInputHandle[str] | viser.GuiButtonGroupHandle,
@@ -443,7 +431,6 @@ class Page:
     def from_user(self, action: Action) -> Callable[[Any], None]:
         """Wrap a callback: values that the program itself wrote are ignored, mistakes are told in words."""
 
-        @functools.wraps(action)
         def callback(event: Any) -> None:
             if event.client_id is not None:
                 value = self.said(event.target)

@@ -81,7 +81,8 @@ class InFlight:
             self._count += 1
             question = f"drawn {self._count % 8}"  # viser keeps one of each for those who come
             self._question, self._times = question, times
-        internals.ask_storage(self._page.server, _QUESTION, question)
+        asked = internals.messages.LocalStorageGetItemRequestMessage(_QUESTION, question)
+        internals.send(self._page.server, asked)
 
     def _answered(self, question: str) -> None:
         with self._lock:
@@ -111,7 +112,7 @@ class Player:
         state: UserState,
         ask: Callable[[int], None],
         in_flight: InFlight,
-        ended: Callable[[], None] = lambda: None,
+        ended: Callable[[], None],
     ) -> None:
         """ask: for a frame with all that is of it. ended: called when playback ends, or an edit has ended it."""
         self.fps = 25.0

@@ -257,7 +257,7 @@ class RerunStream:
     ) -> None:
         """cameras: that are shown in space. path: of the .rrd to write. Raises HandtrackError when it cannot be written."""
         assert path is not None or live, "neither a file nor a viewer"
-        self._path = None if path is None else _writable(Path(path))
+        self._path = None if path is None else _writable(path)
         self._viewer = RerunViewer() if live else None
         self._cameras = cameras
         self.results: dict[int, FrameResult] = {}

@@ -10,6 +10,7 @@ from functools import partial
 from itertools import groupby
 from typing import Any
 
+import numpy as np
 import viser
 
 from handtrack.model.shape import ShapeNumber
@@ -356,7 +357,7 @@ class LimitsPanel:
                 if tuple(self.ranges[name].value) != shown:
                     self.ranges[name].value = shown
                 self._name(name, shown)
-        self.back.visible = any(self._own(name) is not None for name in self.ranges)
+        self.back.visible = any(map(self._is_changed, self.ranges))
 
     def show(self, pose: PoseSnapshot) -> None:
         """Mark the present angle of every joint between its limits."""
@@ -364,12 +365,10 @@ class LimitsPanel:
             if name in self.ranges:
                 internals.mark(self.ranges[name], float(round(math.degrees(value))))
 
-    def _own(self, name: str) -> tuple[float, float] | None:
-        """Return the interval [rad] that the user set; None where the model's holds."""
-        s = self.names.index(name)
-        low, high = (float(v) for v in self.session.interval[s])
-        same = (low, high) == tuple(self.session.own_interval[s].tolist())
-        return None if same else (low, high)
+    def _is_changed(self, name: str) -> bool:
+        """Return whether the user set a joint's interval; else the model's holds."""
+        s, session = self.names.index(name), self.session
+        return not np.array_equal(session.interval[s], session.own_interval[s])
 
     def _add_folder(
         self, group: str, members: Sequence[str], session: SessionSnapshot, is_open: bool
@@ -389,7 +388,7 @@ class LimitsPanel:
         label = f"{label_of(name).removesuffix('°').rstrip()} {interval[0]:.0f}\u2060…\u2060{interval[1]:.0f}°".replace(
             "-", "−"
         )
-        if self._own(name) is not None:
+        if self._is_changed(name):
             label += " •"
         put(self.ranges[name], label=label)
 
@@ -399,13 +398,14 @@ class LimitsPanel:
 
     def _restore(self) -> None:
         for name in self.ranges:
-            if self._own(name) is not None:
+            if self._is_changed(name):
                 self.page.engine.set_limits(name, None, "Limits of the model")
 
 
 def degrees(interval: Sequence[float]) -> tuple[float, float]:
     """Return an interval [rad] in whole degrees."""
-    return (float(round(math.degrees(interval[0]))), float(round(math.degrees(interval[1]))))
+    low, high = np.rint(np.rad2deg(interval)).tolist()
+    return low, high
 
 
 # ---- Which settings of the tracker the page draws, folder by folder; what each is like stands where it is declared

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,18 +49,8 @@ Event = (
 )
 
 
-@dataclass(frozen=True)
-class _Drag:
-    """What a page drags, and where it took hold of it."""
-
-    tag: str
-    held: Hold | WholeDrag
-    card: Camera | None
-    """that it looks through; None: freely"""
-    start: Floats[D3]
-    """world [m]"""
-    place: Floats[D3]
-    """of the joint or point that is held, world [m]"""
+Drag = Callable[[Floats[D3]], None]
+"""does what it means that the pointer is over a point, world [m]"""
 
 
 class Grips:
@@ -72,7 +63,7 @@ class Grips:
         self._page, self._card_of = page, card_of
         self._session, self._pose = session, pose
         self._grips: dict[int, viser.BatchedMeshHandle] = {}
-        self._drags: dict[int, _Drag] = {}
+        self._drags: dict[int, Drag] = {}
         self._count = 0
         self.by_images = True
         """what was seen holds the rest of the hand while a joint is dragged; else it changes least"""
@@ -147,7 +138,8 @@ class Grips:
         takes = () if aside else (internals.DragBinding("left", "shift"),)
         if client is not None:
             for node in self._drawn_as:
-                internals.let_drag(client, node.name, takes)
+                message = internals.messages.SetSceneNodeDragBindingsMessage(node.name, takes)
+                internals.send(client, message)
 
     def _let_go(self, numbers: list[int]) -> None:
         for number in numbers:
@@ -200,9 +192,9 @@ class Grips:
             self._drags.pop(number, None)
         rests = event.phase == "start" and event.start_screen_pos == event.end_screen_pos
         if drag is not None and np.isfinite(end).all() and not rests:
-            self._drawn(drag, end)
+            drag(end)
 
-    def _begun(self, event: Event, turns: bool) -> _Drag | None:
+    def _begun(self, event: Event, turns: bool) -> Drag | None:
         """Return what is taken hold of; None where nothing can be: nobody drags what is only looked at."""
         session, pose, number = self._session, self._pose, event.client.client_id
         start = np.asarray(event.start_position, dtype=float)
@@ -212,7 +204,7 @@ class Grips:
         tag, card = f"drag {number}.{self._count}", self._card_of(number)
         root = np.array(pose.values[:6])
         if card is not None and turns:
-            return _Drag(tag, WholeDrag(card, root, pose.middle, start, True), card, start, start)
+            return partial(self._move, tag, WholeDrag(card, root, pose.middle, start, True))
         eye = card or view_card(event.client.camera)
         index = ellipsoid_at(session, pose, start)
         hold = None if index is None else hold_at(session, pose, eye, index, start)
@@ -220,28 +212,28 @@ class Grips:
             return None
         if hold.bone in session.stem_bones:
             # parallel to the image, or, seen freely, to the screen
-            return _Drag(tag, WholeDrag(eye, root, pose.middle, start, False), card, start, start)
-        return _Drag(tag, hold, card, start, place_of(hold, session, pose))
+            return partial(self._move, tag, WholeDrag(eye, root, pose.middle, start, False))
+        if card is None:
+            return partial(self._pull, tag, hold, place_of(hold, session, pose) - start)
+        return partial(self._pin, tag, hold, card)
 
-    def _drawn(self, drag: _Drag, end: Floats[D3]) -> None:
-        """Do what a drag to a point, world [m], means."""
-        page, hold = self._page, drag.held
-        state = page.state
-        if isinstance(hold, WholeDrag):
-            edit = hold.to(end)
-            if edit is not None:
-                page.edit_pose(edit, "Turn" if hold.turns else "Move", drag.tag, is_stroke=True)
-        elif drag.card is None:
-            x, y, z = (float(v) for v in drag.place + end - drag.start)
+    def _move(self, tag: str, drag: WholeDrag, end: Floats[D3]) -> None:
+        edit = drag.to(end)
+        if edit is not None:
+            self._page.edit_pose(edit, "Turn" if drag.turns else "Move", tag, is_stroke=True)
+
+    def _pull(self, tag: str, hold: Hold, off: Floats[D3], end: Floats[D3]) -> None:
+        """off: from where the pointer took hold to what it holds."""
+        state, place = self._page.state, tuple((off + end).tolist())
+        self._page.engine.pull_place(state.frame, place, state.begin_edit(), hold, tag)
+
+    def _pin(self, tag: str, hold: Hold, card: Camera, end: Floats[D3]) -> None:
+        pixel, state = ray_pixel(card, end - card.centre), self._page.state
+        if pixel is not None:
             version = state.begin_edit()
-            page.engine.pull_place(state.frame, (x, y, z), version, hold, drag.tag)
-        else:
-            pixel = ray_pixel(drag.card, end - drag.card.centre)
-            if pixel is not None:
-                version = state.begin_edit()
-                page.engine.set_pin(
-                    state.frame, drag.card.name, pixel, version, hold, self.by_images, drag.tag
-                )
+            self._page.engine.set_pin(
+                state.frame, card.name, pixel, version, hold, self.by_images, tag
+            )
 
 
 # ---- What a pointer takes hold of in a camera's picture: a joint where it is near one, else the point of a segment under it

@@ -83,7 +83,8 @@ class GrabKeys:
     """
 
     page: Page
-    handle: Callable[[], RootHandle | None]
+    control: viser.TransformControlsHandle
+    """of the root"""
     _kind: str = ""
     _axis: str = ""
     _was_shown: bool = True
@@ -117,12 +118,8 @@ class GrabKeys:
         return True
 
     def _show(self) -> None:
-        handle = self.handle()
-        if handle is not None:
-            control = handle.control
-            control.disable_axes, control.disable_rotations = self._kind == "R", self._kind == "G"
-            # viser draws an arc where the two axes are active that it lies between
-            x, y, z = (
-                not self._axis or (axis == self._axis) == (self._kind == "G") for axis in "XYZ"
-            )
-            control.active_axes = x, y, z
+        control, moves = self.control, self._kind == "G"
+        control.disable_axes, control.disable_rotations = self._kind == "R", moves
+        # viser draws an arc where the two axes are active that it lies between
+        x, y, z = (not self._axis or (axis == self._axis) == moves for axis in "XYZ")
+        control.active_axes = x, y, z

@@ -93,7 +93,8 @@ class Looking:
         self._explain(number)
         card = self.card(number)
         for name in _IN_THE_WAY:
-            internals.show_node(client, name, card is None)
+            shown = internals.messages.SetSceneNodeVisibilityMessage(name, card is None)
+            internals.send(client, shown)
         (self.close_ups.enter if camera == ALL else self.close_ups.leave)(client)
         if card is None:
             self.views.leave(client)

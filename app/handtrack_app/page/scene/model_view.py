@@ -50,21 +50,21 @@ class HandView:
         return self.flesh, self.bones, self.joints, *self.parts
 
 
-def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> HandView:
-    """Add a hand's nodes below `name`, hidden until the first pose comes."""
+def add_hand(server: viser.ViserServer, session: SessionSnapshot) -> HandView:
+    """Add a hand's nodes, hidden until the first pose comes."""
     scene = server.scene
     small = ball(12, 16)
     bones = len(session.bone_names)
     colours = colours_of(session.bone_names, np.arange(bones))
     thick = (session.reach_m / HAND_REACH_M) ** _THICKER
     across = np.full(bones, thick * _BONE_RADIUS)
-    scene.add_frame(name, show_axes=False)
+    scene.add_frame("/hand", show_axes=False)
 
     def batch(
         node: str, mesh: Solid, scales: Floats, colour: Bytes | tuple[int, int, int], **more: Any
     ) -> viser.BatchedMeshHandle:
         more |= {"batched_colors": colour, "visible": False}
-        return add_batch(scene, f"{name}/{node}", mesh, scales, **more)
+        return add_batch(scene, f"/hand/{node}", mesh, scales, **more)
 
     flesh = batch(
         "flesh", ball(20, 32), session.radii, colours_of(session.bone_names, session.ellipsoid_bone)
@@ -74,13 +74,13 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
         "joints", small, np.full(2 * bones, thick * _JOINT_RADIUS), np.tile(colours, (2, 1))
     )
     lines = scene.add_line_segments(
-        f"{name}/truth", np.zeros((len(KEYPOINT_LINKS), 2, 3), np.float32), TRUTH, thickness=2.5,
+        "/hand/truth", np.zeros((len(KEYPOINT_LINKS), 2, 3), np.float32), TRUTH, thickness=2.5,
         thickness_units="screen", visible=False,
     )  # fmt: skip
     points = batch("truth_points", small, np.full(21, 0.0028), TRUTH, cast_shadow=False)
     parts = tuple(
         scene.add_mesh_simple(
-            f"{name}/part{i}", part.vertices.astype(np.float32), part.faces.astype(np.uint32),
+            f"/hand/part{i}", part.vertices.astype(np.float32), part.faces.astype(np.uint32),
             color=colour_of(session.bone_names[part.bone]), visible=False,
         )
         for i, part in enumerate(session.parts)
@@ -175,18 +175,13 @@ Solid = tuple[Floats[V, D3], Ints[T, D3]]
 def turned(profile: Floats[N, D2], sides: int) -> Solid:
     """Return the solid whose outline is (distance from the axis, y), from below to above; its ends are on the axis."""
     around = 2 * np.pi * np.arange(sides) / sides
-    circle = np.stack([np.cos(around), np.zeros(sides), -np.sin(around)], axis=1)
-    rings = [radius * circle + [0.0, y, 0.0] for radius, y in profile[1:-1].tolist()]
-    low, high = ([0.0, float(y), 0.0] for y in profile[[0, -1], 1])
+    circle = np.stack([np.cos(around), np.ones(sides), -np.sin(around)], axis=1)
     here, there = np.arange(sides), np.roll(np.arange(sides), -1)
-    top = len(rings) * sides + 1
-    faces = [np.stack([np.zeros(sides, int), there + 1, here + 1], axis=1)]
-    for first in range(1, top - sides, sides):
-        above = first + sides
-        faces.append(np.stack([here + first, there + first, there + above], axis=1))
-        faces.append(np.stack([here + first, there + above, here + above], axis=1))
-    faces.append(np.stack([here + top - sides, there + top - sides, np.full(sides, top)], axis=1))
-    return np.vstack([[low], *rings, [high]]), np.concatenate(faces)
+    low = np.stack([here, there, there + sides], axis=1)
+    high = np.stack([here, there + sides, here + sides], axis=1)
+    rings = sides * np.arange(len(profile) - 1)[:, None, None]
+    vertices = (profile[:, None, [0, 1, 0]] * circle).reshape(-1, 3)
+    return vertices, (rings + np.concatenate([low, high])).reshape(-1, 3)
 
 
 def ball(rings: int, sides: int) -> Solid:

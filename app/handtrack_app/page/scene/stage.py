@@ -78,7 +78,7 @@ class Stage:
         self.names = CameraNames()
         self.cameras = CameraRig(server, "/cameras", session)
         self.cameras.size(pose.middle)
-        self.hand: HandView = add_hand(server, "/hand", session)
+        self.hand: HandView = add_hand(server, session)
         self.root = RootHandle(server, "/root", page.edit_pose, self._larger)
         self.looking = Looking(page, self.names, self.cameras.cards)
         self.grips = Grips(page, self._grasped, session, pose)
@@ -98,7 +98,7 @@ class Stage:
         self.cameras.move(session)
         if (before.bone_names, before.model) != (session.bone_names, session.model):
             remove_hand(self.hand)
-            self.hand = add_hand(self.page.server, "/hand", session)
+            self.hand = add_hand(self.page.server, session)
             self.grips.offer((*self.hand.nodes, self.surface))
         self.grips.fit(session)
         if not session.clouds.source:
