@@ -217,6 +217,7 @@ def test_flying_pixels_go_and_surfaces_stay(rng):
     keep = surface_pixels(depth, 300.0)
     assert keep[flying].mean() < 0.15
     assert keep[~flying].mean() > 0.99
+    assert len(depth_cloud(camera(), depth)) == keep.sum()
 
 
 def test_grazing_surfaces_go():
