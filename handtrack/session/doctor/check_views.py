@@ -421,16 +421,10 @@ def _late(session: Session, name: str, offset: TimeOffset) -> str:
         )
     before = session.view(name).settings.lag_s or 0.0
     lag_s = before + offset.frames / session.fps
-    rest = abs(lag_s * session.fps - round(lag_s * session.fps))
-    whole = (
-        f" Tracking takes whole frames, so that {rest:.1f} of one remains: synchronise the cameras where you can."
-        if rest >= offset.std
-        else ""
-    )
     return (
         f"Do frames of equal number show the same moment? {which} {abs(offset.frames):.1f} ± {offset.std:.1f} frames {way} against the "
         f'others {numbers}. Write `lag_s = {lag_s:.4g}` under [[camera]] name = "{name}" in session.toml, and look again; or cut the '
-        f"recordings so that they start together.{whole}"
+        "recordings so that they start together."
     )
 
 
