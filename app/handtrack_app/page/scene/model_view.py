@@ -180,8 +180,9 @@ def turned(profile: Floats[N, D2], sides: int) -> Solid:
     low = np.stack([here, there, there + sides], axis=1)
     high = np.stack([here, there + sides, here + sides], axis=1)
     rings = sides * np.arange(len(profile) - 1)[:, None, None]
-    vertices = (profile[:, None, [0, 1, 0]] * circle).reshape(-1, 3)
-    return vertices, (rings + np.concatenate([low, high])).reshape(-1, 3)
+    faces = np.concatenate([rings[1:] + low, rings[:-1] + high]).reshape(-1, 3)
+    vertices = (profile[:, None, [0, 1, 0]] * circle).reshape(-1, 3)[sides - 1 : 1 - sides]
+    return vertices, np.clip(faces - sides + 1, 0, len(vertices) - 1)  # an end is one corner
 
 
 def ball(rings: int, sides: int) -> Solid:
