@@ -10,8 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
-from numba.extending import overload
 
 from handtrack.arrays import Floats, Ints
 from handtrack.compiled import compiled, inlined
@@ -55,34 +53,15 @@ class Workspace(NamedTuple):
     """(B, 6, S) of each bone; needed where parts collide"""
 
 
-def collides(overlaps):  # pragma: no cover - compiled
-    """Return whether a problem has parts that may collide; known at compile time."""
-    raise NotImplementedError
-
-
-@overload(collides)
-def _collides(overlaps):  # pragma: no cover - compiled
-    if isinstance(overlaps, types.NoneType):
-        return lambda overlaps: False
-    return lambda overlaps: True
-
-
-def collisions(overlaps, space, want_system):  # pragma: no cover - compiled
-    """Return the cost of parts that overlap, for bones already placed; add their system in bone twists."""
-    raise NotImplementedError
-
-
-@overload(collisions)
-def _collisions(overlaps, space, want_system):  # pragma: no cover - compiled
-    if isinstance(overlaps, types.NoneType):
-        return lambda overlaps, space, want_system: 0.0
-
-    def cost(overlaps, space, want_system):
-        frames = Frames(space.rotation, space.position, space.position[0])
-        sums = Sums(6 if want_system else 0, space.bone_gradient, space.bone_hessian)
-        return collision_sums(frames, overlaps, sums)
-
-    return cost
+@compiled
+def _collision_cost(problem, space, width):  # pragma: no cover - compiled
+    """Return the cost of parts that overlap, for bones already placed; add their system in bone twists where width is 6."""
+    if problem.overlaps[1].shape[0] == 0:
+        return 0.0
+    frames = Frames(space.rotation, space.position, space.position[0])
+    return collision_sums(
+        frames, problem.overlaps, Sums(width, space.bone_gradient, space.bone_hessian)
+    )
 
 
 @compiled
@@ -90,7 +69,7 @@ def workspace(problem):  # pragma: no cover - compiled
     """Return a Workspace for a problem."""
     bones, hinges = problem.tree[0].shape[0], problem.tree[3].shape[0]
     count = 6 + hinges
-    parts = bones if collides(problem.overlaps) else 0
+    parts = bones if problem.overlaps[1].shape[0] > 0 else 0
     return Workspace(
         np.zeros(count),
         np.zeros((bones, 3, 3)),
@@ -182,7 +161,7 @@ def keypoint_cost(problem, params, space):  # pragma: no cover - compiled
         x, y, z = place(problem, space, k, b)
         cost += _point_cost(problem, k, x, y, z)
     if cost < np.inf:
-        cost += collisions(problem.overlaps, space, False)
+        cost += _collision_cost(problem, space, 0)
     return cost
 
 
@@ -375,7 +354,7 @@ def keypoint_system(problem, params, space, gradient, normal, curvature):  # pra
         space.collided[0] = 0
     for t in range(g.shape[0]):
         _dress(problem, space, t, by_stiff, by_bent)
-    cost += add_collisions(problem.overlaps, problem, space)
+    cost += _add_collisions(problem, space)
     turn = space.root[2:]
     for i in range(3):  # the root's rotation vector: its axes J e_j turn with it
         for j in range(i + 1):
@@ -385,29 +364,19 @@ def keypoint_system(problem, params, space, gradient, normal, curvature):  # pra
     return cost + prior_cost(problem, params)
 
 
-def add_collisions(overlaps, problem, space):  # pragma: no cover - compiled
+@compiled
+def _add_collisions(problem, space):  # pragma: no cover - compiled
     """Return the cost of parts that overlap; add to the joint gradient (S,) and Gauss-Newton matrix (lower triangle)."""
-    raise NotImplementedError
-
-
-@overload(add_collisions)
-def _add_collisions(overlaps, problem, space):  # pragma: no cover - compiled
-    if isinstance(overlaps, types.NoneType):
-        return lambda overlaps, problem, space: 0.0
-
-    def add(overlaps, problem, space):
-        cost = collisions(overlaps, space, True)
-        if cost > 0.0:
-            space.collided[0] = 1
-            twist_columns(problem.tree, space.screw, space.twist)
-            g, h = pull_back(Sums(6, space.bone_gradient, space.bone_hessian), space.twist)
-            for s in range(g.shape[0]):
-                space.joint_gradient[s] += g[s]
-                for t in range(s + 1):
-                    space.joint_normal[s, t] += h[s, t]
-        return cost
-
-    return add
+    cost = _collision_cost(problem, space, 6)
+    if cost > 0.0:
+        space.collided[0] = 1
+        twist_columns(problem.tree, space.screw, space.twist)
+        g, h = pull_back(Sums(6, space.bone_gradient, space.bone_hessian), space.twist)
+        for s in range(g.shape[0]):
+            space.joint_gradient[s] += g[s]
+            for t in range(s + 1):
+                space.joint_normal[s, t] += h[s, t]
+    return cost
 
 
 @compiled

@@ -11,6 +11,7 @@ import numpy as np
 from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q, S
 from handtrack.errors import index_of
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.limits import MovingLimits
 from handtrack.model.skeleton import KinematicTree
 from handtrack.observation.observation import ImageKeypoints, Keypoints
@@ -50,14 +51,17 @@ class KeypointProblem(NamedTuple):
     """[px]"""
     camera_middle: Floats[C, D2]
     """[px]"""
-    overlaps: Collisions | None
-    """parts that may not pass through each other; None is compiled without them, which takes a third of the time"""
+    overlaps: Collisions
+    """parts that may not pass through each other"""
     loss: Loss
     prior_at: Floats[P]
     """where the priors were expanded; they are quadratic, so this is exact everywhere"""
     prior_cost: float
     prior_gradient: Floats[P]
     prior_hessian: Floats[P, P]
+
+
+_NOTHING = Ellipsoids(np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
 
 
 def keypoint_problem(
@@ -81,7 +85,7 @@ def keypoint_problem(
         links=model.transform.links,
         limits=model.moving_limits,
         **_observations(model, observed),
-        overlaps=None if collision is None else collision.collisions,
+        overlaps=(collision or CollisionTerm(_NOTHING, np.zeros((0, 2), int))).collisions,
         loss=loss,
         prior_at=model.rest_params(),
         prior_cost=float(prior.cost),
