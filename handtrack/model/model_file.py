@@ -181,7 +181,7 @@ def load_model(
         table = {key: value for key, value in table.items() if key != "narrowing"}
     if forearm and forearm is not True:
         table = _with_arm_of(table, forearm / _MM)
-    return _sized(table, side, size, coupling, bool(forearm), spread or {})
+    return _build(table, side, size, coupling, bool(forearm), spread or {})
 
 
 def model_from_definition(
@@ -196,31 +196,11 @@ def model_from_definition(
     except ValueError as error:
         raise HandtrackError(f"{source}: the model's definition is no JSON ({error}).") from None
     try:
-        return _sized(_checked(table, source), side, scale, "26", forearm, {})
+        return _build(_checked(table, source), side, scale, "26", forearm, {})
     except (ValueError, LookupError, TypeError) as error:  # it is nobody's who checks it
         raise HandtrackError(
             f"{source}: the model's definition in it cannot be built ({error}). Was the file changed by hand? Track again."
         ) from None
-
-
-def _sized(
-    table: dict[str, Any],
-    side: str,
-    size: HandScale,
-    coupling: str,
-    forearm: bool,
-    spread: Mapping[str, float],
-) -> ArticulatedModel:
-    kind = table.get("kind", "hand")
-    if not 0.2 <= size.overall <= 5.0:
-        raise HandtrackError(
-            f"{kind} scale {size.overall:g}: expected a factor on a {kind} of {table['length_mm']:g} mm, between 0.2 "
-            "and 5. If this is a length, divide it by that one."
-        )
-    known = dict.fromkeys((*HAND_PARTS, *BODY_PARTS, *(bone["group"] for bone in table["bone"])))
-    for part in size.parts:
-        check_name("part of a hand or body", part, known, "its scale")
-    return _build(table, "right" if kind == "body" else side, size, coupling, forearm, spread)
 
 
 def read_scale(path: Path) -> HandScale:
@@ -381,6 +361,16 @@ def _build(
     forearm: bool,
     spread: Mapping[str, float],
 ) -> ArticulatedModel:
+    kind = table.get("kind", "hand")
+    if not 0.2 <= size.overall <= 5.0:
+        raise HandtrackError(
+            f"{kind} scale {size.overall:g}: expected a factor on a {kind} of {table['length_mm']:g} mm, between 0.2 "
+            "and 5. If this is a length, divide it by that one."
+        )
+    parts = dict.fromkeys((*HAND_PARTS, *BODY_PARTS, *(bone["group"] for bone in table["bone"])))
+    for part in size.parts:
+        check_name("part of a hand or body", part, parts, "its scale")
+    side = "right" if kind == "body" else side
     rows = [b for b in table["bone"] if forearm or b.get("only_with") != "forearm"]
     names = tuple(b["name"] for b in rows)
     heads, tails, ups = (
@@ -471,12 +461,14 @@ def _build(
         joint_bone=joint_bone,
         joint_point=joint_point,
         offset=offset if seen else None,
-        kind=table.get("kind", "hand"),
+        kind=kind,
         stabilise=np.concatenate([np.full(6, np.inf), held]) if np.isfinite(held).any() else None,
         proportions=person,
         groups=tuple(b["group"] for b in rows),
-        superquadrics=read_superquadrics(parts, names, factor, f"model definition {table['name']}")
-        if (parts := table.get("superquadric"))
+        superquadrics=read_superquadrics(
+            quadrics, names, factor, f"model definition {table['name']}"
+        )
+        if (quadrics := table.get("superquadric"))
         else None,
         definition=json.dumps(table),
     )

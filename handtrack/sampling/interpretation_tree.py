@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from handtrack.arrays import (
 )
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses, bone_poses
 from handtrack.model.transform import ParameterTransform
@@ -67,8 +69,7 @@ def rooted(
     end = np.stack([bones.to_world(chain.start_bone, chain.start_point) for bones in poses])
     angles = np.ascontiguousarray(joint_params[:, chain.columns])
     for h in chain.hinges(-1):  # these move the first joint: they stay as they are
-        turn = np.stack([_turn(chain.turns.axes[h], angle) for angle in angles[:, h]])
-        rotation = rotation @ turn
+        rotation = rotation @ rotation_matrix(angles[:, h, None] * chain.turns.axes[h])
     count = len(poses)
     none = np.empty((count, 0), dtype=np.int8)
     return Branches(rotation, end, angles, np.arange(count), none, np.ones(count, dtype=bool))
@@ -104,12 +105,6 @@ def extended(
     choice = np.concatenate([branches.choice[parent], which[:, None]], axis=1)
     exact = branches.exact[parent] & (miss <= tolerance)
     return Branches(rotation, end, angles, branches.source[parent], choice, exact)
-
-
-def _turn(axis: Floats, angle: float) -> Floats:
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
 MOVED_RAD = 0.2
@@ -252,14 +247,7 @@ def _inside(
     inside = np.all(np.abs(moved - branches.angles) < REACHED_M, axis=1)
     if not take_nearest:
         return branches.taken(inside)
-    return Branches(
-        branches.rotation,
-        branches.end,
-        moved,
-        branches.source,
-        branches.choice,
-        branches.exact & inside,
-    )
+    return replace(branches, angles=moved, exact=branches.exact & inside)
 
 
 def _closest(branches: Branches, given: Floats) -> Ints:

@@ -14,7 +14,7 @@ from handtrack.arrays import D3, Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
 from handtrack.model.others import shapes
-from handtrack.model.others.tree import Hinge, Link, Shape, definition_of, numbers, read_root
+from handtrack.model.others.tree import Hinge, Link, Shape, definition_of, hinge, numbers, read_root
 
 _EXPANDS = ("include", "frame", "replicate", "attach", "composite", "flexcomp")
 """what MuJoCo makes bodies of when it loads a file; its own saved form has none of them"""
@@ -113,47 +113,38 @@ class _Robot:
                 f"{self.path}: joint '{name}' is a {kind}; expected hinges: this program's joints turn about one axis each."
             )
         axis = self._vector(given, "axis", (0.0, 0.0, 1.0))
-        if np.linalg.norm(axis) < 1e-9:
-            raise HandtrackError(f"{self.path}: joint '{name}' has an axis of length 0.")
         limits = (-np.pi, np.pi)
         usual_limited = "range" in given and self.compiler.get("autolimits", "true") == "true"
         limited = given.get("limited", "auto")
         if limited == "true" or (limited == "auto" and usual_limited):
             at_zero = numbers(given, "ref", (0.0,), self.path, 1)
             asked = numbers(given, "range", (0.0, 0.0), self.path, 2)
-            low, high = self._radians(asked - at_zero)
-            if low > high:
-                raise HandtrackError(
-                    f"{self.path}: joint '{name}': its limits are {low:g} to {high:g} rad; expected lower ≤ upper."
-                )
-            limits = (float(low), float(high))
-        return Hinge(name, axis / np.linalg.norm(axis), limits, self.follows.get(name))
+            low, high = self._radians(asked - at_zero).tolist()
+            limits = (low, high)
+        return hinge(name, axis, limits, self.follows.get(name), self.path)
 
     def _shapes(self, body: _Element, kind: str, anchor: Floats[D3]) -> list[Shape]:
         """Return what a body looks like; what only touches counts where nothing is there to be looked at."""
         looks, touches = list[Shape](), list[Shape]()
         for geom in body.findall("geom"):
             given = self._given(geom, kind)
-            shape = self._shape(given)
-            if shape is not None:
-                moved = Shape(shape.centre - anchor, shape.rotation, shape.radii)
-                is_look = given.get("contype") == "0" and given.get("conaffinity") == "0"
-                (looks if is_look else touches).append(moved)
+            is_look = given.get("contype") == "0" and given.get("conaffinity") == "0"
+            (looks if is_look else touches).extend(self._shape(given, anchor))
         return looks or touches
 
-    def _shape(self, given: _Given) -> Shape | None:
+    def _shape(self, given: _Given, anchor: Floats[D3]) -> list[Shape]:
         kind = given.get("type", "mesh" if "mesh" in given else "sphere")
-        place, turn = self._vector(given, "pos"), self._turn(given)
+        place, turn = self._vector(given, "pos") - anchor, self._turn(given)
         if kind == "mesh":
             return self._mesh(given, place, turn)
         if kind not in ("sphere", "capsule", "cylinder", "ellipsoid", "box"):
-            return None
+            return []
         size = numbers(given, "size", None, self.path)
         if "fromto" in given:
             ends = numbers(given, "fromto", None, self.path, 6).reshape(2, 3)
             along = ends[1] - ends[0]
             half = 0.5 * float(np.linalg.norm(along))
-            place, turn = ends.mean(axis=0), _towards(along)
+            place, turn = ends.mean(axis=0) - anchor, _towards(along)
             size = np.array(
                 [size[0], half]
                 if kind in ("capsule", "cylinder")
@@ -163,23 +154,23 @@ class _Robot:
         if len(size) < wanted:
             raise HandtrackError(f"{self.path}: a {kind} of {len(size)} sizes; expected {wanted}.")
         if kind == "sphere":
-            return Shape(place, turn, shapes.sphere(float(size[0])))
-        if kind == "ellipsoid":
-            return Shape(place, turn, size[:3])
-        if kind == "box":
-            return Shape(place, turn, shapes.box(2.0 * size[:3]))
-        return Shape(place, turn, getattr(shapes, kind)(float(size[0]), 2.0 * float(size[1])))
+            radii = shapes.sphere(float(size[0]))
+        elif kind == "ellipsoid":
+            radii = size[:3]
+        elif kind == "box":
+            radii = shapes.box(2.0 * size[:3])
+        else:
+            radii = getattr(shapes, kind)(float(size[0]), 2.0 * float(size[1]))
+        return [Shape(place, turn, radii)]
 
-    def _mesh(self, given: _Given, place: Floats[D3], turn: Floats[D3, D3]) -> Shape | None:
+    def _mesh(self, given: _Given, place: Floats[D3], turn: Floats[D3, D3]) -> list[Shape]:
         asset = self.meshes.get(given.get("mesh", ""))
         if asset is None or not asset.get("file"):
-            return None
+            return []
         folder = self.compiler.get("meshdir", self.compiler.get("assetdir", ""))
         file = self.path.parent / folder / str(asset.get("file"))
-        found = shapes.mesh(file, numbers(asset.attrib, "scale", (1.0, 1.0, 1.0), self.path, 3))
-        if found is None:
-            return None
-        return Shape(place + turn @ found.centre, turn @ found.rotation, found.radii)
+        scale = numbers(asset.attrib, "scale", (1.0, 1.0, 1.0), self.path, 3)
+        return shapes.mesh(file, scale, place, turn)
 
     # ---- what attributes mean
 

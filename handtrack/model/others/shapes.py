@@ -33,21 +33,22 @@ def capsule(radius: float, length: float) -> Floats[D3]:
     return np.array([radius, radius, radius + 0.75 * length])
 
 
-def mesh(path: Path, scale: Floats[D3]) -> Shape | None:
-    """Return the ellipsoid of the inertia of a mesh's hull, in the mesh's frame; None where the file is not there or not read."""
+def mesh(path: Path, scale: Floats[D3], place: Floats[D3], turn: Floats[D3, D3]) -> list[Shape]:
+    """Return the ellipsoid of the inertia of a mesh's hull; none where the file is not there or not read. place, turn: of the mesh."""
     import trimesh
 
     if not path.is_file():
-        return None
+        return []
     try:
         hull = trimesh.load(path, force="mesh").convex_hull  # type: ignore[union-attr]
         hull.apply_scale(scale)
         inertia, volume = np.asarray(hull.moment_inertia), float(hull.volume)
     except (ValueError, IndexError, KeyError, NotImplementedError, AttributeError, OSError):
-        return None
+        return []
     if not volume > 0:
-        return None
+        return []
     spread = (0.5 * np.trace(inertia) * np.eye(3) - inertia) / volume  # of the solid's points
     values, axes = np.linalg.eigh(spread)
     axes[:, 0] *= np.sign(np.linalg.det(axes))
-    return Shape(np.asarray(hull.center_mass), axes, np.sqrt(5.0 * np.maximum(values, 0.0)))
+    centre = place + turn @ np.asarray(hull.center_mass)
+    return [Shape(centre, turn @ axes, np.sqrt(5.0 * np.maximum(values, 0.0)))]

@@ -19,8 +19,6 @@ _SHORTEST_M = 1e-4
 """between two joints, for the line between them to be a bone's direction"""
 _STUB_M = 0.01
 """of a bone on which nothing stands, and which has no shape"""
-_FULL_TURN = np.pi
-_FEWEST_FREEDOMS = 1
 
 
 @dataclass(frozen=True)
@@ -58,10 +56,28 @@ class Hinge:
     name: str
     axis: Floats[D3]
     """in the link's frame"""
-    limits: tuple[float, float] = (-_FULL_TURN, _FULL_TURN)
+    limits: tuple[float, float] = (-np.pi, np.pi)
     """[rad]"""
     follows: tuple[str, float] | None = None
     """another hinge and the ratio, where it follows one"""
+
+
+def hinge(
+    name: str,
+    axis: Floats[D3],
+    limits: tuple[float, float],
+    follows: tuple[str, float] | None,
+    path: Path,
+) -> Hinge:
+    """Return the hinge about an axis of any length. Raises HandtrackError for one of none, and limits that are exchanged."""
+    length, (low, high) = float(np.linalg.norm(axis)), limits
+    if length < 1e-9:
+        raise HandtrackError(f"{path}: joint '{name}' has an axis of length 0.")
+    if low > high:
+        raise HandtrackError(
+            f"{path}: joint '{name}': its limits are {low:g} to {high:g} rad; expected lower ≤ upper."
+        )
+    return Hinge(name, axis / length, limits, follows)
 
 
 def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any]:
@@ -131,7 +147,7 @@ def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any
 
 def _check(links: Sequence[Link], where: str) -> None:
     hinges = [hinge.name for link in links for hinge in link.hinges]
-    if len(hinges) < _FEWEST_FREEDOMS:
+    if not hinges:
         raise HandtrackError(f"{where}: nothing in it turns; expected at least one hinge.")
     for kind, names in (("links", [link.name for link in links]), ("joints", hinges)):
         twice = next((name for name in names if names.count(name) > 1), None)

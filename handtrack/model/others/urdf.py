@@ -13,7 +13,7 @@ from handtrack.arrays import D3, Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.others import shapes
-from handtrack.model.others.tree import Hinge, Link, Shape, definition_of, numbers, read_root
+from handtrack.model.others.tree import Hinge, Link, Shape, definition_of, hinge, numbers, read_root
 
 _TURNING = ("revolute", "continuous")
 _Element = ElementTree.Element
@@ -71,8 +71,6 @@ def _link(
 def _hinge(joint: _Element, label: str, kind: str, path: Path) -> Hinge:
     axis, limit, mimic = joint.find("axis"), joint.find("limit"), joint.find("mimic")
     about = numbers({} if axis is None else axis.attrib, "xyz", (1.0, 0.0, 0.0), path)
-    if np.linalg.norm(about) < 1e-9:
-        raise HandtrackError(f"{path}: joint '{label}' has an axis of length 0.")
     low, high = -np.pi, np.pi
     if kind == "revolute":
         if limit is None:
@@ -80,10 +78,6 @@ def _hinge(joint: _Element, label: str, kind: str, path: Path) -> Hinge:
                 f"{path}: joint '{label}' is revolute and has no <limit>; URDF asks for lower and upper [rad]."
             )
         low, high = (float(numbers(limit.attrib, k, (0.0,), path)[0]) for k in ("lower", "upper"))
-    if low > high:
-        raise HandtrackError(
-            f"{path}: joint '{label}': its limits are {low:g} to {high:g} rad; expected lower ≤ upper."
-        )
     follows = None
     if mimic is not None:
         ratio, offset = (
@@ -95,7 +89,7 @@ def _hinge(joint: _Element, label: str, kind: str, path: Path) -> Hinge:
                 f"{path}: joint '{label}' follows another with an offset of {offset:g} rad; expected 0: move its origin instead."
             )
         follows = (mimic.get("joint", ""), ratio)
-    return Hinge(label, about / np.linalg.norm(about), (low, high), follows)
+    return hinge(label, about, (low, high), follows, path)
 
 
 def _shapes(visual: _Element, path: Path) -> list[Shape]:
@@ -113,12 +107,8 @@ def _shapes(visual: _Element, path: Path) -> list[Shape]:
         radii = getattr(shapes, kind.tag)(number("radius"), number("length"))
     elif kind.tag == "mesh":
         file = path.parent / kind.get("filename", "").split("://")[-1]
-        found = shapes.mesh(file, numbers(kind.attrib, "scale", (1.0, 1.0, 1.0), path, 3))
-        return (
-            []
-            if found is None
-            else [Shape(place + turn @ found.centre, turn @ found.rotation, found.radii)]
-        )
+        scale = numbers(kind.attrib, "scale", (1.0, 1.0, 1.0), path, 3)
+        return shapes.mesh(file, scale, place, turn)
     else:
         return []
     return [Shape(place, turn, radii)]

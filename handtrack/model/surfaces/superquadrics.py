@@ -148,14 +148,14 @@ def grid_faces(around: int, along: int) -> Ints[T, D3]:
         raise HandtrackError(
             f"superquadrics: a mesh of {around} points around and {along} steps along; expected at least 3 and 2."
         )
-    here = np.arange(around)
-    after = (here + 1) % around
-    first, last = 1, 1 + (along - 2) * around
-    top = last + around
-    faces = [np.stack([np.zeros_like(here), first + after, first + here], axis=1)]
-    for circle in range(along - 2):
-        low, high = first + circle * around, first + (circle + 1) * around
-        faces.append(np.stack([low + here, low + after, high + after], axis=1))
-        faces.append(np.stack([low + here, high + after, high + here], axis=1))
-    faces.append(np.stack([last + here, last + after, np.full_like(here, top)], axis=1))
-    return np.concatenate(faces)
+    circles = 1 + np.arange((along - 1) * around).reshape(-1, around)
+    rows = np.concatenate(
+        [np.zeros((1, around), int), circles, np.full((1, around), 1 + circles.size)]
+    )
+    low, high = rows[:-1], rows[1:]
+    low_after, high_after = (np.roll(ends, -1, axis=1) for ends in (low, high))
+    wide_below = np.stack([low, low_after, high_after], axis=-1)[
+        1:
+    ]  # at an end, both of one are the same
+    wide_above = np.stack([low, high_after, high], axis=-1)[:-1]
+    return np.concatenate([wide_below.reshape(-1, 3), wide_above.reshape(-1, 3)])
