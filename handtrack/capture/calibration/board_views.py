@@ -239,8 +239,8 @@ class CameraViews:
 
     def only(self, keep: Callable[[BoardView], bool]) -> CameraViews:
         """Return the same camera with some of its views."""
-        kept = (tuple(filter(keep, views)) for views in (self.shared, self.alone))
-        return replace(self, **dict(zip(("shared", "alone"), kept)))
+        shared, alone = (tuple(filter(keep, views)) for views in (self.shared, self.alone))
+        return replace(self, shared=shared, alone=alone)
 
 
 def frames_to_search(sources: Iterable[FrameSource], most: int) -> range:

@@ -17,7 +17,6 @@ from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 
 _KEYS = ("name", "size", "matrix", "distortions", "rotation", "translation")
-_MARKS = ("matrix", "distortions", "rotation", "translation")
 
 
 def read_rig(path: Path, world_unit_m: float = 1.0) -> CameraRig:
@@ -81,7 +80,7 @@ def _table(camera: Camera) -> dict[str, Any]:
 
 
 def _is_camera(table: Any) -> bool:
-    return isinstance(table, dict) and any(key in table for key in _MARKS)
+    return isinstance(table, dict) and any(key in table for key in _KEYS[2:])
 
 
 def _camera(table: dict[str, Any], where: str, world_unit_m: float) -> Camera:

@@ -129,9 +129,13 @@ def _outline(board: Board) -> Floats:
 def draw_residuals(calibration: RigCalibration) -> Array[H, W, D3]:
     """Return one picture with a panel a camera: each corner, and 50 times how far it was missed."""
     panels = [
-        _residual_panel(camera, [v.pixels for v in seen.views], left)
-        for camera, seen, left in zip(
-            calibration.rig, calibration.cameras, calibration.residuals, strict=True
+        _residual_panel(camera, [v.pixels for v in seen.views], left, told["rms_px"])
+        for camera, seen, left, told in zip(
+            calibration.rig,
+            calibration.cameras,
+            calibration.residuals,
+            calibration.report["cameras"],
+            strict=True,
         )
     ]
     columns = min(3, len(panels))
@@ -143,7 +147,9 @@ def draw_residuals(calibration: RigCalibration) -> Array[H, W, D3]:
     return whole
 
 
-def _residual_panel(camera: Camera, pixels: Sequence[Floats], left: Sequence[Floats]) -> Array:
+def _residual_panel(
+    camera: Camera, pixels: Sequence[Floats], left: Sequence[Floats], rms: float
+) -> Array:
     zoom = _PANEL / max(camera.size)
     width, height = (round(side * zoom) for side in camera.size)
     panel = np.full((height + 30, width, 3), 255, np.uint8)
@@ -156,7 +162,6 @@ def _residual_panel(camera: Camera, pixels: Sequence[Floats], left: Sequence[Flo
         cv2.polylines(panel, list(whole), False, colour, 1, cv2.LINE_AA)
         for start in whole[:, 0].tolist():
             cv2.circle(panel, start, 1, _INK, -1)
-    rms = float(np.sqrt((np.concatenate(list(left)) ** 2).sum(axis=1).mean()))
     _write(
         panel,
         f"{camera.name}: {len(pixels)} views, rms {rms:.3f} px, residuals x {_MAGNIFIED}",

@@ -22,7 +22,6 @@ from handtrack.files.text_files import first_bytes
 SUFFIXES = (".ply", ".npz")
 MOST_POINTS = 1_000_000  # read from one file: bounds memory and time; a hand needs thousands
 _LARGE_M = 20.0  # no camera sees a hand in a cloud of that extent
-_POINTS = "points"
 
 
 def read_cloud(path: Path, world_unit_m: float = 1.0) -> tuple[PointCloud, tuple[str, ...]]:
@@ -32,10 +31,7 @@ def read_cloud(path: Path, world_unit_m: float = 1.0) -> tuple[PointCloud, tuple
     than a million an even part is kept; an extent above 20 m is asked about. Raises
     HandtrackError for a file that cannot be read.
     """
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise HandtrackError(f"{path}: neither .ply nor .npz.")
-    reader = _read_npz if path.suffix.lower() == ".npz" else read_ply
+    reader = _read_npz if _suffix(path) == ".npz" else read_ply
     points, colors, count = reader(path, MOST_POINTS)
     warnings = []
     if len(points) < count:
@@ -57,19 +53,22 @@ def read_cloud(path: Path, world_unit_m: float = 1.0) -> tuple[PointCloud, tuple
 def write_cloud(path: Path, cloud: PointCloud, world_unit_m: float = 1.0) -> None:
     """Write a cloud as .ply or .npz in units of world_unit_m [m]. Raises HandtrackError for another
     suffix."""
-    path = Path(path)
     points = cloud.points / world_unit_m
-    if path.suffix.lower() == ".ply":
+    if _suffix(path) == ".ply":
         import trimesh  # slow to import, and most only read
         from trimesh.exchange.ply import export_ply
 
         colors = cloud.colors if len(points) else np.zeros((0, 3), np.uint8)  # trimesh wants them
         path.write_bytes(export_ply(trimesh.PointCloud(points, colors)))
-    elif path.suffix.lower() == ".npz":
+    else:
         arrays: dict[str, Any] = {"points": points.astype(np.float32), "colors": cloud.colors}
         np.savez_compressed(path, **{k: array for k, array in arrays.items() if array is not None})
-    else:
+
+
+def _suffix(path: Path) -> str:
+    if path.suffix.lower() not in SUFFIXES:
         raise HandtrackError(f"{path}: neither .ply nor .npz.")
+    return path.suffix.lower()
 
 
 def _extent_warning(path: Path, points: Floats, world_unit_m: float) -> list[str]:
@@ -94,7 +93,7 @@ def _extent_warning(path: Path, points: Floats, world_unit_m: float) -> list[str
 
 def _read_npz(path: Path, most: int) -> tuple[Floats, Array | None, int]:
     arrays = read_arrays(path)
-    points, colors = arrays.get(_POINTS), arrays.get("colors")
+    points, colors = arrays.get("points"), arrays.get("colors")
     if points is None:
         raise HandtrackError(
             f"{path}: no array `points`; arrays there: {', '.join(arrays) or 'none'}."

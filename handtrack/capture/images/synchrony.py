@@ -13,7 +13,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, Array, Axes, B, Floats, H, Ints, L, N, Q, T, W
+from handtrack.arrays import D2, Array, Axes, B, Floats, H, Ints, L, N, Q, T, W, pixel_grid
 from handtrack.geometry.camera import Camera
 
 _WIDTH = 192  # of the reduced pictures [px]
@@ -110,8 +110,7 @@ def _grid(camera: Camera, shape: tuple[int, ...]) -> Floats:
     """Return (H, W, 2) the places in the real image of a reduced picture's pixels."""
     height, width = shape
     scale = camera.size[0] / width
-    across, down = (np.arange(width) + 0.5) * scale - 0.5, (np.arange(height) + 0.5) * scale - 0.5
-    return np.stack(np.meshgrid(across, down), axis=-1)
+    return (pixel_grid((width, height)) + 0.5) * scale - 0.5
 
 
 def time_offsets(motions: Sequence[tuple[ImageMotion, ImageMotion]]) -> dict[int, TimeOffset]:
