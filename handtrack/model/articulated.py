@@ -228,6 +228,14 @@ class ArticulatedModel:
         rows, columns = list(self.driving_joints), np.arange(len(self.driving_joints))
         return self.clipped(values[rows] / self.transform.matrix[rows, columns])
 
+    def bones_within_limits(self, joint_params: Floats[S]) -> BonePoses:
+        """Return the bones of a pose that a person set."""
+        return self.bones(self.params_within_limits(joint_params))
+
+    def named(self, joint_params: Floats[S]) -> dict[str, float]:
+        """Return joint parameters by their names."""
+        return dict(zip(self.parameter_names, joint_params.tolist(), strict=True))
+
     def checked(self, params: Floats[P], what: str) -> Floats[P]:
         """Return solver parameters as an array of floats. Raises HandtrackError naming `what` where they are not this model's."""
         values = np.asarray(params, float)

@@ -242,5 +242,5 @@ def _write_init(
         noisy = points + rng.normal(scale=what.init_noise_m, size=points.shape)
         pose = FirstPose(0, xyz=np.round(noisy, 5))
     else:
-        pose = FirstPose(0, dict(zip(model.parameter_names, first.tolist(), strict=True)))
+        pose = FirstPose(0, model.named(first))
     write_first_pose(folder / layout.INIT_FILE, pose)

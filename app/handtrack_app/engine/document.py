@@ -309,10 +309,7 @@ class Document:
             content = session.view(entry[0]).corrections.content(entry[1])
             return None if content is None else Correction(content)
         if kind == "pose" and known is None and entry not in self.results:
-            seen = self.pose_at(entry).tolist()
-            return DecidedPose(
-                dict(zip(self.model.parameter_names, seen, strict=True)), carried=True
-            )
+            return DecidedPose(self.model.named(self.pose_at(entry)), carried=True)
         return known
 
     def apply(self, edit: Edit) -> None:
@@ -532,7 +529,7 @@ class Document:
         """Where the session has no first pose, take the one that was set or found at a frame; nothing is written."""
         if self.run.first is None and (frame in self.by_hand or frame in self.results):
             values = self.pose_at(frame)
-            known = dict(zip(self.model.parameter_names, values.tolist(), strict=True))
+            known = self.model.named(values)
             self.first_frame, self.start = frame, values.copy()
             self.run = replace(self.run, first=FirstPose(frame, known))
 

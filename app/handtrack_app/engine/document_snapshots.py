@@ -82,7 +82,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         kind=model.kind,
         seen=seen_kinds(session),
         parts=part_cards(model),
-        reach_m=model_reach(model),
+        reach_m=_BODY_REACH_M * model.scale.overall if model.kind == "body" else HAND_REACH_M,
         live=session.live is not None,
         size_pending=document.size.pending,
         shape=tuple(shape_numbers(model)),
@@ -155,7 +155,7 @@ def possible_masks(document: Document, view: View) -> tuple[str, ...]:
 def pose_snapshot(document: Document) -> PoseSnapshot:
     """Return the hand as it is shown."""
     model, frame = document.model, document.frame
-    bones = model.bones(model.params_within_limits(document.seen))
+    bones = model.bones_within_limits(document.seen)
     posed = model.flesh["fine"].posed(bones)
     result = document.results.get(frame)
     is_now = document.before is None
@@ -244,11 +244,6 @@ def model_words(model: ArticulatedModel) -> str:
     whose = "" if model.kind == "body" else f", {model.side} hand"
     known = hand_words(model).removeprefix("hand ")
     return f"{model.name}{whose}, size {model.scale.overall:.2f}{known and f': {known}'}"
-
-
-def model_reach(model: ArticulatedModel) -> float:
-    """Return how far a model extends around its middle [m]: what is drawn is sized by it."""
-    return _BODY_REACH_M * model.scale.overall if model.kind == "body" else HAND_REACH_M
 
 
 def part_cards(model: ArticulatedModel) -> tuple[PartCard, ...]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -44,14 +45,13 @@ from handtrack_app.engine.jobs import (
     BackgroundJob,
     JobEnded,
     JobEvent,
-    Post,
     Watch,
     Work,
 )
 from handtrack_app.engine.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.engine.store.persistence import FIXED
 from handtrack_app.engine.tracked_rows import moved_mm
 from handtrack_app.protocol.calls import Rule
 from handtrack_app.protocol.snapshots import (
@@ -59,8 +59,10 @@ from handtrack_app.protocol.snapshots import (
     GuessesSnapshot,
     Notice,
     ProgressSnapshot,
-    Snapshot,
 )
+
+if TYPE_CHECKING:
+    from handtrack_app.engine.open_session import OpenSession
 
 
 def tracking_request(
@@ -212,8 +214,6 @@ _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
 _COMES_AGAIN = 2 * FRAMES_AHEAD  # frames before a live one that may still change
 _ENDLESS = 1 << 40  # frames
-_FIXED = "Settings stay fixed while tracking runs, so that a result has one. Cancel it first."
-_BUSY = "Tracking is already running. Cancel it first."
 _WORDS = {
     "paused": "Paused",
     "tracking": "Tracking",
@@ -230,18 +230,16 @@ class JobControl:
 
     def __init__(
         self,
-        document: Document,
-        store: Persistence,
-        publish: Callable[[Snapshot], None],
-        post: Post,
-        watch: Watch | None,
+        opened: OpenSession,
+        watch: Watch,
         compiles: CompileWatch,
         live: LiveControl | None,
     ) -> None:
         self.follows = True
         """each tracked frame is shown"""
-        self._document, self._store, self._live = document, store, live
-        self._publish, self._post, self._watch = publish, post, watch
+        document = opened.document
+        self._document, self._store, self._live = document, opened.store, live
+        self._publish, self._watch, self._opened = opened.announce, watch, opened
         self._job: BackgroundJob | None = None
         self._outcomes: dict[int, FrameHead] = {}
         """what is told of frames in the end; without their arrays, for there may be many"""
@@ -263,7 +261,7 @@ class JobControl:
     def require_idle(self) -> None:
         """Raise HandtrackError while a job runs."""
         if self.busy:
-            raise HandtrackError(_FIXED)
+            raise HandtrackError(FIXED)
 
     # ---- from any thread
 
@@ -404,11 +402,14 @@ class JobControl:
     def _prepare(self) -> None:
         """Write what was edited, before a job. Raises HandtrackError where none can begin."""
         self._store.write_what_rests(at_once=True)
-        if self._job is not None:
-            raise HandtrackError(_BUSY)
+        self._refuse_second()
         blind = nothing_seen(self._document.run)
         if blind:
             raise HandtrackError(blind)
+
+    def _refuse_second(self) -> None:
+        if self.busy:
+            raise HandtrackError("Tracking is already running. Cancel it first.")
 
     def begin(
         self,
@@ -418,8 +419,7 @@ class JobControl:
         is_live: bool = False,
     ) -> None:
         """Begin a job. Raises HandtrackError while another runs."""
-        if self._job is not None:
-            raise HandtrackError(_BUSY)
+        self._refuse_second()
         job = BackgroundJob(kind, work, self._post, request, is_live)
         self._job, self._outcomes, self._latest = job, {}, {}
         self._moves, self._given = {}, RefinedWith.of(self._document)
@@ -428,6 +428,9 @@ class JobControl:
         self.show_progress()
 
     # ---- following
+
+    def _post(self, job: BackgroundJob, event: JobEvent) -> None:
+        self._opened.post(partial(self._opened.take, job, event))
 
     def take(self, job: BackgroundJob, event: JobEvent) -> None:
         """Take what the job reports; those of an earlier job are passed over."""
@@ -679,7 +682,7 @@ class Guesses:
         if document.size.pending and model.scale != document.run.scale:
             changed.append(edits.size(model.scale, pending=True))
         joint = model.joint_params(params)
-        known = dict(zip(model.parameter_names, joint.tolist(), strict=True))
+        known = model.named(joint)
         changed.append(decide(pose={frame: DecidedPose(known, found=kind == "found")}))
         if document.run.first is None:
             changed.append(decide(start=StartPose(frame, known)))

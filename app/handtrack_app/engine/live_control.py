@@ -50,17 +50,11 @@ class LiveControl:
     """Lives on the worker's thread; only frames are recorded from others."""
 
     def __init__(self, document: Document, publish: Callable[[Snapshot], None]) -> None:
-        """Use `LiveControl.of`."""
         self._document, self._publish = document, publish
         self._recording: LiveRecording | None = None
         self._told: LiveSnapshot | None = None
         self._when = 0.0
         self._known_gone: set[str] = set()
-
-    @classmethod
-    def of(cls, document: Document, publish: Callable[[Snapshot], None]) -> LiveControl | None:
-        """Return the control of a live session; None for a recording."""
-        return None if document.run.session.live is None else cls(document, publish)
 
     @property
     def recording(self) -> bool:

@@ -21,7 +21,7 @@ from handtrack.capture.masks.mask_correction import (
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 from handtrack.capture.masks.segmentation import METHODS, mask_method_table
 from handtrack.diagnostics.residual_image import mask_picture
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
 from handtrack.session.session_state import Correction, Edit, MaskSource, decide
 from handtrack.session.sources.corrected_masks import encoded
@@ -210,11 +210,9 @@ class MaskService(PreviewService):
 
     def _changed(self, camera: str, values: Mapping[str, object]) -> Edit:
         """Return the edit of one camera's masks, or of all that have what it takes. Raises HandtrackError."""
-        views = {view.name: view for view in self.document.run.session.views}
-        if camera and camera not in views:
-            raise unknown_name("camera", camera, tuple(views))
+        session = self.document.run.session
         found, why = dict[str, MaskSource](), ""
-        for view in [views[camera]] if camera else views.values():
+        for view in [session.view(camera)] if camera else session.views:
             try:
                 found[view.name] = self._source(view, dict(values))
             except HandtrackError as error:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
@@ -79,17 +78,14 @@ class OpenSession:
         """what comes back of the user's own work; of what the terminal or an import made nobody is told"""
         self._page = page
         self._served = self._written = known[1] if page and known and known[0] == page else 0
-        self._live = LiveControl.of(document, publish)
+        is_live = document.run.session.live is not None
+        self._live = LiveControl(document, publish) if is_live else None
         self.publish = publish
         self.painter = Painter(document, publish, mail)
         self.pictures = CameraPictures(document.run.session)
         """for the render thread alone"""
-        self.jobs = JobControl(
-            document, self.store, self.announce,
-            lambda job, event: mail.put(partial(self._take, job, event)),
-            recorder.show, compiles, self._live,
-        )  # fmt: skip
         self.render_thread, self.post = render_thread, mail.put
+        self.jobs = JobControl(self, recorder.show, compiles, self._live)
         self._clouds, self._masks = CloudService(self), MaskService(self)
         self._tuning, self._review = TuningService(self), ReviewService(self)
         parts = (
@@ -108,14 +104,12 @@ class OpenSession:
         self._counted, self._told = False, set[str]()
         self._told_work: WorkSnapshot | None = None
 
-    def show_first(self, views: Sequence[Call]) -> None:
+    def show_first(self) -> None:
         """Show the session and its first pose, and say what is to be known of it."""
         document, say = self.document, self._say
         self._tell_work()
         self._show_session()
         document.show(document.first_frame)
-        for view in views:
-            self.serve(view)
         self.show_all()
         if self._restored:
             say("done", "Welcome back", self._restored)
@@ -155,7 +149,7 @@ class OpenSession:
         finally:
             self._served = call.number or self._served
 
-    def _take(self, job: BackgroundJob, event: JobEvent) -> None:
+    def take(self, job: BackgroundJob, event: JobEvent) -> None:
         try:
             self.jobs.take(job, event)
         except Exception:

@@ -21,7 +21,9 @@ from handtrack.session.sources.video_audits import count_beside
 from handtrack.store.store import Store
 from handtrack.tracking.search.initialize import FEWEST, placed_on_points
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.document_snapshots import seen_kinds
 from handtrack_app.engine.store.persistence import show_track_file
+from handtrack_app.protocol.snapshots import IMAGES
 
 # the share of points that are nearest, and how far behind them a hand may reach
 _NEAR, _DEEP_M = (0.02, 0.15)
@@ -145,10 +147,6 @@ _NOTHING = (
 
 def nothing_seen(run: TrackingRun) -> str:
     """Return what to do about a session in which nothing is observed; empty where something is."""
-    session, settings = run.session, run.settings
-    if session.has_clouds or settings.looks_at_images:
-        return ""
-    cameras = [view.settings for view in session.views]
-    if any(camera.masks is not None or camera.keypoints is not None for camera in cameras):
+    if run.settings.looks_at_images or seen_kinds(run.session) - {IMAGES}:
         return ""
     return _NOTHING.format(kind=run.model.kind)

@@ -232,7 +232,7 @@ def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> 
     """Set a frame's pose as it is, within limits. how: `found` by a search, `pinned`, or `refitted`."""
     frame = document.clamped(frame)
     known = document.decided_pose(frame).parameters  # of other models, too
-    now = dict(zip(document.model.parameter_names, values.tolist(), strict=True))
+    now = document.model.named(values)
     return decide(pose={frame: DecidedPose({**known, **now}, **how)})
 
 

@@ -125,9 +125,7 @@ def close_pictures(
     pictures = {}
     for result in results:
         camera = "" if result.reason is None else result.reason.camera
-        flesh = model.flesh["fine"].posed(
-            model.bones(model.params_within_limits(result.parameters))
-        )
+        flesh = model.flesh["fine"].posed(model.bones_within_limits(result.parameters))
         close = maker.screen(
             camera if camera in names else names[0], result.frame, "close", flesh, None, aside
         )

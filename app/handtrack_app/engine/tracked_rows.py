@@ -172,8 +172,7 @@ def moved_mm(result: FrameResult, before: FrameResult | None) -> float:
 
 def given_error_mm(document: Document, frame: int) -> float:
     """Return the error of the pose that was given at a frame [mm]."""
-    params = document.model.params_within_limits(document.by_hand[frame])
-    return error_mm(document, frame, document.model.bones(params))
+    return error_mm(document, frame, document.model.bones_within_limits(document.by_hand[frame]))
 
 
 def error_mm(document: Document, frame: int, bones: BonePoses) -> float:

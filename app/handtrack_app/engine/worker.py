@@ -72,7 +72,6 @@ class Preview:
 
 
 Opener = Callable[[Path], Document]
-_VIEWED_LATER = ("want_cloud", "want_surface", "want_masks")
 _PREPARING = "Preparing the first pose …"
 
 
@@ -96,7 +95,6 @@ class Worker:
         self.session: OpenSession | None = None
         """that is open"""
         self._compiles = CompileWatch(self._compiling)
-        self._views: dict[str, Call] = {}
         self._later: list[Call] = []
         """calls that the open session is to serve, in their order"""
 
@@ -178,15 +176,12 @@ class Worker:
     def _serve(self, call: Call) -> None:
         if self.session is not None:
             self.session.serve(call)
-        elif call.name in _VIEWED_LATER:
-            self._views[call.name] = call
-        elif self._preview is not None:
-            if call.name in rules_of(Preview):
-                getattr(self._preview, call.name)(**call.arguments)
-            if call.name not in ("want_pictures", "cancel"):
-                self._later.append(call)
-        elif call.name not in ("want_pictures", "show_frame", "cancel"):
+        elif self._preview is None and call.is_kept and call.name != "show_frame":
             raise HandtrackError("No session is open yet.")
+        elif call.name != "cancel":
+            if self._preview is not None and call.name in rules_of(Preview):
+                getattr(self._preview, call.name)(**call.arguments)
+            self._later.append(call)
 
     def _look_at(self, document: Document) -> None:
         self._preview = Preview(document, self._publish, self._mail)
@@ -213,7 +208,7 @@ class Worker:
             raise
         else:
             self.session = session
-            session.show_first(list(self._views.values()))
+            session.show_first()
         finally:
             self._set_shown()
             self._publish(Opened(self._failure, is_whole=True))

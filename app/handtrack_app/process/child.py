@@ -285,8 +285,6 @@ def _print_to(log: Path) -> None:
 
 def _portable(error: Exception | None) -> Exception | None:
     """Return an error, or one with the same words that another process can take."""
-    from handtrack.errors import HandtrackError
-
     if error is not None and not isinstance(error, HandtrackError):
         error.add_note(
             "".join(traceback.format_exception(error))

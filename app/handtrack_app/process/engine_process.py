@@ -48,9 +48,8 @@ def ending_words(code: int, memory: int | None) -> str:
 
 def again_notice(how: str, outbox: Outbox, given_up: list[Call]) -> Notice:
     """Return what the user is told when the engine begins again. outbox: what is done again; given_up: what is not."""
-    edits, job = named(outbox.edits), outbox.job
-    text = f"{how} It begins again from the disk."
-    text += f" Not on disk yet, and done again now: {edits}." if edits else ""
+    text, job = f"{how} It begins again from the disk.", outbox.job
+    text += f" Not on disk yet, and done again now: {edits}." if (edits := outbox.words) else ""
     text += f" Given up: {named(given_up)}." if given_up else ""
     if outbox.stopped_at is not None:
         text += f" Tracking stopped at frame {outbox.stopped_at}; there, 'From here' (tab Track) goes on."
@@ -63,15 +62,11 @@ def again_notice(how: str, outbox: Outbox, given_up: list[Call]) -> Notice:
 
 def down_notice(how: str, times: int, outbox: Outbox, given_up: list[Call]) -> Notice:
     """Return what the user is told when the engine stays ended, after so many times within a minute."""
-    edits = named(outbox.edits)
-    often = f" That was {times} times within a minute." if times > 1 else ""
-    waits = f" Not on disk yet: {edits}; done again then." if edits else ""
-    lost = f" Given up: {named(given_up)}." if given_up else ""
-    return Notice(
-        "error",
-        "The engine stays ended",
-        f"{how}{often} It does not begin again by itself: 'Start again' (at the top) opens what is on disk.{waits}{lost} Details: {ENGINE_LOG}",
-    )
+    text = f"{how} That was {times} times within a minute." if times > 1 else how
+    text += " It does not begin again by itself: 'Start again' (at the top) opens what is on disk."
+    text += f" Not on disk yet: {edits}; done again then." if (edits := outbox.words) else ""
+    text += f" Given up: {named(given_up)}." if given_up else ""
+    return Notice("error", "The engine stays ended", f"{text} Details: {ENGINE_LOG}")
 
 
 def _signal_name(number: int) -> str:
@@ -109,7 +104,6 @@ class EngineProcess:
         self._failure: Exception | None = None
         self._ends: deque[float] = deque(maxlen=_MOST_AGAIN + 1)
         self._life: EngineChild | None = None
-        self._is_down = False
         self._thread = threading.Thread(target=self._live, name="engine", daemon=True)
 
     # ---- from the page
@@ -151,7 +145,7 @@ class EngineProcess:
 
     def stop(self, timeout: float = 5.0) -> None:
         """End the engine in order, once what it was asked for is on disk; at once where it does not answer."""
-        if not self._is_down and self._failure is None and self._thread.is_alive():
+        if not self._outbox.is_down and self._failure is None and self._thread.is_alive():
             self._outbox.wait_done(timeout)
         self._stopping.set()
         self._again.set()
@@ -162,8 +156,8 @@ class EngineProcess:
         if life is not None and self._thread.is_alive():
             life.kill()
             self._thread.join(timeout)
-        if lost := self._outbox.edits:
-            self.last_words.append(f"Not saved, since the engine did not answer: {named(lost)}.")
+        if lost := self._outbox.words:
+            self.last_words.append(f"Not saved, since the engine did not answer: {lost}.")
 
     # ---- on the engine's thread
 
@@ -178,7 +172,7 @@ class EngineProcess:
             if not self._stopping.is_set() and not self._tell_end(code):
                 self._again.wait()  # perhaps it was asked for before the process had ended
                 self._again.clear()
-                self._failure, self._is_down = None, False
+                self._failure = None
                 self._tell_work(is_down=False)
                 self._ends.clear()
             plan = replace(plan, preview=False, take_over=False, version=self._outbox.version)
@@ -213,8 +207,7 @@ class EngineProcess:
 
     def _tell_work(self, is_down: bool | None = None) -> None:
         """Say where what is saved is not as it was said last."""
-        work = self._outbox.work(is_down)
-        if work is not None:
+        if (work := self._outbox.work(is_down)) is not None:
             self._publish(work)
 
     def _tell_end(self, code: int) -> bool:
@@ -223,12 +216,11 @@ class EngineProcess:
         now, outbox = time.monotonic(), self._outbox
         self._ends.append(now)
         often = len(self._ends) > _MOST_AGAIN and now - self._ends[0] <= _WITHIN_S
-        self._is_down = self._failure is not None or not code or often
-        self._tell_work(self._is_down)
+        self._tell_work(self._failure is not None or not code or often)
         if self._failure is not None:
             return False  # that was told
         how = ending_words(code, self._plan.memory)
-        if not self._is_down:
+        if not outbox.is_down:
             self._publish(again_notice(how, outbox, given_up))
             self._publish(ProgressSnapshot("opening", _AGAIN))
             return True
@@ -279,10 +271,11 @@ class Outbox:
     """the folder that running cameras are recorded to"""
     rules: Rules = field(default_factory=dict)
     """the engine's commands; empty until it has told them"""
+    is_down: bool = False
+    """the engine stays ended"""
     _newest: int = 0
     _number: int = 0
     _is_listening: bool = False
-    _is_down: bool = False
     _early: list[tuple[str, tuple[Any, ...], Mapping[str, Any]]] = field(default_factory=list)
     """calls made before the rules were known"""
     _kept: list[_Entry] = field(default_factory=list)
@@ -307,7 +300,7 @@ class Outbox:
             call = Call.of(self.rules, name, given, named)
             if call.rule.view:
                 self._views[name] = call
-            if self._is_down and not call.rule.edits:
+            if self.is_down and not call.rule.edits:
                 return call if call.rule.job else None
             if not call.is_kept:
                 if self._is_listening:
@@ -424,7 +417,7 @@ class Outbox:
     def work(self, is_down: bool | None = None) -> WorkSnapshot | None:
         """Return what is new of what is saved: `saved` is all that was called, and no less. is_down: whether the engine stays ended."""
         with self._changed:
-            self._is_down = self._is_down if is_down is None else is_down
+            self.is_down = self.is_down if is_down is None else is_down
             return self._news()
 
     def _news(self) -> WorkSnapshot | None:
@@ -432,7 +425,7 @@ class Outbox:
             return None
         saved = self._work.saved
         if saved == "saved" and self._edits:
-            saved = "unsaved" if self._is_down else "saving"
+            saved = "unsaved" if self.is_down else "saving"
         now = replace(self._work, saved=saved, written=0, done=0)
         if now == self._told:
             return None
@@ -450,6 +443,11 @@ class Outbox:
         """The edits that are not known to be on disk, in order."""
         with self._changed:
             return self._edits
+
+    @property
+    def words(self) -> str:
+        """What these are about."""
+        return named(self.edits)
 
     def wait_done(self, timeout: float) -> None:
         """Wait until all edits are on disk, a while at most."""

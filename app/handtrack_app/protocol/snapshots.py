@@ -81,7 +81,7 @@ class MaskPicture:
     """large, by camera and `mask`"""
     corrected: dict[str, str]
     """by camera, whether this frame is corrected and how many are, in words"""
-    words: str = ""
+    words: str
     """what could not be made, and why"""
 
 
@@ -261,19 +261,19 @@ class SessionSnapshot:
     """of no finger or limb: a drag of them moves the whole"""
     poses: Mapping[str, str]
     """the pose library: what a pose is called → its name"""
-    kind: str = "hand"
+    kind: str
     """`hand` or `body`"""
-    seen: frozenset[str] = SEEN
+    seen: frozenset[str]
     """of SEEN, what there is in the recording"""
-    parts: tuple[PartCard, ...] = ()
+    parts: tuple[PartCard, ...]
     """what is drawn of a body instead of ellipsoids"""
-    reach_m: float = HAND_REACH_M
+    reach_m: float
     """how far the model extends around its middle: what is drawn is sized by it"""
-    live: bool = False
+    live: bool
     """whether its frames come from running cameras"""
-    size_pending: bool = False
+    size_pending: bool
     """the hand's size is still to be fitted"""
-    shape: tuple[ShapeNumber, ...] = ()
+    shape: tuple[ShapeNumber, ...]
     """of the model's person, number by number"""
 
 
@@ -337,12 +337,12 @@ class PoseSnapshot:
     """true keypoints, world [m]"""
     error_mm: float
     """mean distance to the truth; NaN without"""
-    note: str = ""
+    note: str
     """why the frame is doubtful or lost"""
-    joints: Floats[J, D3] = field(default_factory=lambda: np.zeros((0, 3)))
+    joints: Floats[J, D3]
     """world [m]"""
-    pins: tuple[PinCard, ...] = ()
-    accepted: bool = False
+    pins: tuple[PinCard, ...]
+    accepted: bool
     """no tracking changes it"""
     beside: tuple[PictureSnapshot | MaskPicture, ...] | None = None
     """of a frame that is played: its pictures; None: they come later"""
@@ -499,8 +499,8 @@ class CloudSnapshot:
     """distance to the model's surface, negative inside; NaN where there is no such surface"""
     measured: int
     left: int
-    counts: tuple[FilterReport, ...] = ()
-    words: str = ""
+    counts: tuple[FilterReport, ...]
+    words: str
     """what is to be said of it"""
 
 

@@ -289,7 +289,7 @@ def _within(spans: Array, width: int) -> Array:
 
 
 def _named(model: ArticulatedModel, values: Floats) -> dict[str, float]:
-    return dict(zip(model.parameter_names, values.tolist(), strict=True))
+    return model.named(values)
 
 
 class LiveRecorder:

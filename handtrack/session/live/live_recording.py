@@ -147,7 +147,7 @@ class LiveRecording:
         write_session_file(self.folder / SESSION_FILE, whole)
         good = next((r for _, r in sorted(self._results.items()) if r.fits), None)
         if good is not None:
-            named = dict(zip(run.model.parameter_names, good.parameters.tolist(), strict=True))
+            named = run.model.named(good.parameters)
             write_first_pose(self.folder / INIT_FILE, FirstPose(good.frame, named))
         if self._results:
             (self.folder / POSES_FILE).parent.mkdir(exist_ok=True)

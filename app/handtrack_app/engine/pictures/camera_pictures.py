@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sized
+from collections.abc import Callable, Iterator, Sequence, Sized
 from dataclasses import replace
 
 import cv2
@@ -56,7 +56,7 @@ class CameraPictures:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._maps: dict[str, tuple[Array, Array] | None] = {}
+        self._maps: dict[str, Sequence[Array]] = {}
         self._plain = LRUCache[tuple[str, int], Bytes]()
 
     def see(self, session: Session) -> None:
@@ -75,20 +75,26 @@ class CameraPictures:
 
     def straight(self, name: str, image: Array[H, W, *Axes]) -> Bytes[H, W, *Axes]:
         """Return a camera's image, or a layer over it, without the lens's distortion."""
-        maps = self._undistortion(self.camera(name))
+        camera = self.camera(name)
+        if not camera.is_distorted:
+            return image  # type: ignore[return-value]
+        if name not in self._maps:
+            self._maps[name] = cv2.initUndistortRectifyMap(
+                camera.matrix,
+                camera.distortions,
+                np.eye(3),
+                camera.matrix,
+                camera.size,
+                cv2.CV_16SC2,
+            )
         kind = cv2.INTER_LINEAR if image.ndim > 2 else cv2.INTER_NEAREST
-        return image if maps is None else cv2.remap(image, *maps, kind)  # type: ignore[return-value]
+        return cv2.remap(image, *self._maps[name], kind)  # type: ignore[return-value]
 
     def thumbnail(self, name: str, frame: int, paint: str, flesh: Ellipsoids) -> Bytes[H, W, D3]:
         """Return a small picture: the model's field, or the image with its outline unless `paint` is `plain`."""
-        image = self.plain(name, frame)
-        small = shrunk(image)
-        if paint == "plain":
-            return small
+        small = shrunk(self.plain(name, frame))
         camera = self.camera(name).without_distortion().scaled((small.shape[1], small.shape[0]))
-        if paint == "field":
-            return field_picture(camera, flesh)
-        return outline_picture(small, camera, flesh)
+        return _painted(small, camera, "outline" if paint == "residual" else paint, flesh)
 
     def screen(
         self,
@@ -108,23 +114,18 @@ class CameraPictures:
         camera = self.camera(name).without_distortion()
         if paint == "close":
             return close_up(image, camera, flesh, aside)
-        if paint == "outline":
-            return outline_picture(image, camera, flesh)
         if paint == "residual" and silhouette is not None:
             return residual_picture(image, camera, flesh, silhouette.mask)
-        if paint == "field":
-            return field_picture(camera, flesh)
-        return image
+        return _painted(image, camera, paint, flesh)
 
     def _read(self, name: str, frame: int) -> Bytes:
         view = self._session.view(name)
         bgr = view.image(frame)
         if bgr is not None:
             return self.straight(name, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))  # type: ignore[return-value]
-        if view.depth is not None and not view.camera.is_distorted:
-            depth = view.depth_m(frame)
-            if depth is not None:
-                return depth_picture(depth)
+        depth = None if view.camera.is_distorted else view.depth_m(frame)
+        if depth is not None:
+            return depth_picture(depth)
         silhouette = view.silhouette(frame)
         if silhouette is not None:
             shade = np.where(silhouette.mask < 0, 0.5, silhouette.mask)
@@ -133,17 +134,13 @@ class CameraPictures:
         width, height = view.camera.size
         return np.full((height, width, 3), _DARK, np.uint8)
 
-    def _undistortion(self, camera: Camera) -> tuple[Array, Array] | None:
-        if camera.name not in self._maps:
-            maps = None
-            if camera.is_distorted:
-                matrix, size = camera.matrix, camera.size
-                made = cv2.initUndistortRectifyMap(
-                    matrix, camera.distortions, np.eye(3), matrix, size, cv2.CV_16SC2
-                )
-                maps = (made[0], made[1])
-            self._maps[camera.name] = maps
-        return self._maps[camera.name]
+
+def _painted(
+    image: Bytes[H, W, D3], camera: Camera, paint: str, flesh: Ellipsoids
+) -> Bytes[H, W, D3]:
+    if paint == "field":
+        return field_picture(camera, flesh)
+    return outline_picture(image, camera, flesh) if paint == "outline" else image
 
 
 CLOSE_SIZE = (640, 480)
@@ -384,7 +381,7 @@ class Painter:
         document, maker = self._document, self._maker
         session, frame = document.run.session, document.frame
         maker.see(session)
-        bones = document.model.bones(document.model.params_within_limits(document.seen))
+        bones = document.model.bones_within_limits(document.seen)
         flesh = document.model.flesh["fine"].posed(bones)
         skeleton = document.model.skeleton
         aside = skeleton.bone("forearm") if document.model.has_forearm else None

@@ -9,7 +9,6 @@ import numpy as np
 
 from handtrack.arrays import Array, Bytes, Floats
 from handtrack.capture.clouds.cloud_filters import (
-    CloudFilters,
     FilterReport,
     near_hand,
     random_part,
@@ -18,14 +17,13 @@ from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.capture.clouds.stereo import StereoMatcher
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.session.session import Session
+from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import decide
 from handtrack.session.sources.skin_samples import painted_skin
-from handtrack.tracking.frame.settings import CloudTermSettings
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack_app.engine.document import Document
@@ -62,15 +60,16 @@ class RenderInput:
 
     frame: int
     version: int
-    session: Session
-    model: ArticulatedModel
+    run: TrackingRun
     bones: BonePoses
     previous: BonePoses | None
     """the hand that the cloud is cropped to; None before the hand has a place"""
-    filters: CloudFilters
     wanted: CloudSelection
-    fitted: CloudTermSettings
-    """which surface the solver fits to clouds"""
+
+    @property
+    def surface(self) -> MetaballSurface:
+        """The surface that the solver fits to clouds."""
+        return fitted_surface(self.run.model, self.run.settings.cloud)
 
 
 class CloudRenderer:
@@ -84,8 +83,8 @@ class CloudRenderer:
         """what the last picture was made from"""
 
     def surface(self, moment: RenderInput) -> SurfaceSnapshot:
-        spacing = _SPACING_M if moment.model.kind == "hand" else _BODY_SPACING_M
-        mesh = surface_mesh(fitted_surface(moment.model, moment.fitted), moment.bones, spacing)
+        spacing = _SPACING_M if moment.run.model.kind == "hand" else _BODY_SPACING_M
+        mesh = surface_mesh(moment.surface, moment.bones, spacing)
         return SurfaceSnapshot(
             moment.frame,
             moment.version,
@@ -105,7 +104,7 @@ class CloudRenderer:
         words = ""
         if not len(kept):
             words = nothing_left(reports)
-        elif moment.previous is None and moment.filters.crop_m is not None:
+        elif moment.previous is None and moment.run.session.cloud_filters.crop_m is not None:
             words = "The hand has no place yet: nothing is cropped to it."
         elif len(shown) < len(kept):
             words = f"{len(shown)} of {len(kept)} points are drawn."
@@ -127,10 +126,10 @@ class CloudRenderer:
             return None
         measured = measured or EMPTY
         names = tuple(report.name for report in reports)
-        self._pictures.see(moment.session)
+        self._pictures.see(moment.run.session)
         return _picture(moment, {
             name: points_picture(
-                self._pictures.plain(name, moment.frame), moment.session.rig[name].without_distortion(), measured.points, fate,
+                self._pictures.plain(name, moment.frame), moment.run.session.rig[name].without_distortion(), measured.points, fate,
                 names, _width(moment),
             )
             for name in _cameras(moment)
@@ -138,7 +137,7 @@ class CloudRenderer:
 
     def stereo(self, moment: RenderInput, pair: tuple[str, str]) -> CloudPicture | None:
         """Return how a pair is matched; None where it would be the picture of the last time."""
-        session, frame = moment.session, moment.frame
+        session, frame = moment.run.session, moment.frame
         settings = (session.file.clouds or CloudSettings()).matching
         key = (pair, settings, id(session.rig))
         if self._is_painted(frame, moment.wanted, key):
@@ -171,18 +170,20 @@ class CloudRenderer:
         self, moment: RenderInput
     ) -> tuple[PointCloud | None, Array, tuple[FilterReport, ...]]:
         """Return the measured cloud, which filter dropped each point, and what the filters did."""
-        session = moment.session
-        measured = session.measured_cloud(moment.frame)
+        session = moment.run.session
+        filters, measured = session.cloud_filters, session.measured_cloud(moment.frame)
         if measured is None:
             return None, np.zeros(0, np.int8), ()
-        previous = moment.previous if moment.filters.crop_m is not None else None
-        crop = None if previous is None else hand_distance(moment.model, previous)
-        near = b""  # which points are: the same ones, wherever the hand moves among them
-        if crop is not None and moment.filters.crop_m is not None:
-            near = near_hand(measured.points, crop, moment.filters.crop_m).tobytes()
-        key = (id(measured), moment.filters, near)
+        crop, near = (
+            None,
+            b"",
+        )  # which points are: the same ones, wherever the hand moves among them
+        if moment.previous is not None and filters.crop_m is not None:
+            crop = hand_distance(moment.run.model, moment.previous)
+            near = near_hand(measured.points, crop, filters.crop_m).tobytes()
+        key = (id(measured), filters, near)
         if self._known is None or self._known[0] != key:
-            fate, reports = moment.filters.dropped_by(measured, crop, session.cloud_camera_centres)
+            fate, reports = filters.dropped_by(measured, crop, session.cloud_camera_centres)
             self._known = (key, measured, fate, reports)
         return self._known[1:]
 
@@ -213,18 +214,18 @@ def _residual_mm(moment: RenderInput, points: Floats) -> Floats:
     """Return the distances to the surface (N,) [mm], to first order: the solver's own grows faster beside an
     ellipsoid's ends than millimetres do.
     """
-    if "metaballs" not in moment.model.flesh:
+    if "metaballs" not in moment.run.model.flesh:
         return np.full(len(points), np.nan)
-    distance, _, gradient = fitted_surface(moment.model, moment.fitted).near(moment.bones, points)
+    distance, _, gradient = moment.surface.near(moment.bones, points)
     slope = np.linalg.norm(gradient, axis=1)
     return 1e3 * distance / np.maximum(slope, _LEAST_SLOPE)
 
 
 def _cameras(moment: RenderInput) -> tuple[str, ...]:
     """Return the cameras whose pictures are shown: those that measured, at most two."""
-    settings = moment.session.file.clouds or CloudSettings()
+    settings = moment.run.session.file.clouds or CloudSettings()
     paired = moment.wanted.pair or (settings.stereo[0] if settings.stereo else ())
-    return (settings.depth or paired or moment.session.rig.names)[:2]
+    return (settings.depth or paired or moment.run.session.rig.names)[:2]
 
 
 class CloudService(PreviewService):
@@ -263,7 +264,7 @@ class CloudService(PreviewService):
     def _show(self, hurried: bool) -> None:
         cloud, stereo = self._wants_cloud, self._wanted.picture == "stereo"
         moment, maker = self._moment(), self._maker
-        if self._surface and not hurried and "metaballs" in moment.model.flesh:
+        if self._surface and not hurried and "metaballs" in moment.run.model.flesh:
             self.opened.render_thread.ask("surface", lambda: maker.surface(moment))
         if cloud and self._wanted.points:
             self.opened.render_thread.ask("cloud", lambda: maker.cloud(moment))
@@ -275,17 +276,15 @@ class CloudService(PreviewService):
                 self.opened.render_thread.ask("picture", lambda: maker.stereo(moment, pair))
 
     def _moment(self) -> RenderInput:
-        document = self.document
-        model, session, frame = document.model, document.run.session, document.frame
-        bones = model.bones(model.params_within_limits(document.seen))
-        before = frame - 1
+        document, model = self.document, self.document.model
+        bones = model.bones_within_limits(document.seen)
+        before = document.frame - 1
         previous = bones if document.is_posed else None
         if before in document.by_hand or before in document.results:
-            previous = model.bones(model.params_within_limits(document.pose_at(before)))
+            previous = model.bones_within_limits(document.pose_at(before))
         return RenderInput(
-            frame, document.version, session, model, bones, previous, session.cloud_filters,
-            self._wanted, document.run.settings.cloud,
-        )  # fmt: skip
+            document.frame, document.version, document.run, bones, previous, self._wanted
+        )
 
     # ---- settings
 
@@ -329,10 +328,8 @@ def skin_in_force(
     session, size = document.run.session, max(float(size), 0.1)
     if box is None:
         patches = painted_skin(session)
-        source = "1 painted image" if len(patches) == 1 else f"{len(patches)} painted images"
+        source = f"{len(patches)} painted image{'' if len(patches) == 1 else 's'}"
     else:
-        if camera not in session.rig.names:
-            raise HandtrackError(f"no camera '{camera}' in this session.")
         image = session.image(camera, frame)
         if image is None:
             raise HandtrackError(

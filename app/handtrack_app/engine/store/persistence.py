@@ -53,6 +53,8 @@ from handtrack_app.engine.store import edits
 from handtrack_app.protocol.snapshots import Download, Notice
 
 PROGRAM = "handtrack open"
+_UNREADABLE = (HandtrackError, ValueError, KeyError, TypeError)
+"""what is raised of values that were written by others, or long ago"""
 
 
 @dataclass
@@ -128,7 +130,7 @@ _UNWRITABLE = "nothing can be written there, so work on this session would be lo
 _MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
 _QUIET_S = 0.4  # edits by hand are written when none came for this long
 _LONGEST_S = 1.0  # and at the latest after this, however long a drag lasts
-_FIXED = (
+FIXED = (
     "Settings and takes stay fixed while tracking runs, so that a result has one. Cancel it first."
 )
 
@@ -247,7 +249,7 @@ class Persistence:
             return None
         after = read(action.after)
         if busy and any(kind != "pose" for kind, _ in after):
-            raise HandtrackError(_FIXED)
+            raise HandtrackError(FIXED)
         self.document.become(self.document.state.having(after))
         self._take_action(action)
         self.tag = ""
@@ -463,11 +465,11 @@ class Persistence:
         document = self.document
         try:
             document.become(state)
-        except (HandtrackError, ValueError, KeyError, TypeError):
+        except _UNREADABLE:
             for key, value in state.changed(document.state).items():
                 try:
                     document.become(document.state.having({key: value}))
-                except (HandtrackError, ValueError, KeyError, TypeError) as error:
+                except _UNREADABLE as error:
                     self._pass_over(name_of(key), error)
 
     def _pass_over(self, name: str, error: Exception) -> None:
@@ -505,7 +507,7 @@ class Persistence:
             if labels.model == document.run.labels.model:
                 size = DecidedSize.of(json.loads(labels.scale))
                 self.do("The track's size", decide(size=size), kind=NOTE)
-        except (HandtrackError, ValueError, KeyError, TypeError) as error:
+        except _UNREADABLE as error:
             log.warning("the size of the track is not known: %s", error)
 
     def _warn(self, text: str) -> None:
@@ -551,7 +553,7 @@ def show_track_file(document: Document) -> None:
         document.apply(edits.model_of_take(document, number))
         if track.scale:
             document.apply(decide(size=DecidedSize.of(json.loads(track.scale))))
-    except (HandtrackError, ValueError, KeyError, TypeError) as error:
+    except _UNREADABLE as error:
         log.warning("%s cannot be shown: %s", path, error)
 
 
@@ -605,7 +607,7 @@ def exported(
 
 def first_pose_file(document: Document) -> tuple[str, bytes]:
     """Return name and content of the pose that is shown, as init.json."""
-    values = dict(zip(document.model.parameter_names, document.shown.tolist(), strict=True))
+    values = document.model.named(document.shown)
     text = json.dumps({"frame": document.frame, "parameters": values}, indent=1) + "\n"
     return f"{file_stem(document)}_frame{document.frame}_init.json", text.encode()
 

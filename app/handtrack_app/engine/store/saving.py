@@ -25,8 +25,7 @@ def save_first_pose(store: Persistence) -> str:
     """Write the pose shown to init.json; return a sentence about it."""
     store.check()
     document = store.document
-    names = document.model.parameter_names
-    values = dict(zip(names, [round(float(v), 6) for v in document.shown], strict=True))
+    values = {name: round(v, 6) for name, v in document.model.named(document.shown).items()}
     path = store.folder / INIT_FILE
     try:
         said = _keep_hand_size(store)
