@@ -149,6 +149,8 @@ class _Command(NamedTuple):
     """module of `commands`, and function"""
     help: str
     options: tuple[_Option, ...]
+    has_json: bool = True
+    """whether it prints JSON with `--json`"""
 
 
 def _listed(names: list[str], last: str) -> str:
@@ -161,8 +163,10 @@ _LANDMARKS = _option(
     "--landmarks", metavar="DEFINITION",
     help="points: joints (the model's joint centres), or as a detector means them, such as mediapipe21 (default: joints; to evaluate, as the truth says)",
 )  # fmt: skip
+_CAMERAS = _option(
+    "--camera", action="append", default=[], metavar="NAME", help="only this camera; may be repeated (default: all with images)"
+)  # fmt: skip
 _FRAMES = _option("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
-_JSON = _option("--json", action="store_true", help="print JSON")
 _SET = _option(
     "--set", action="append", default=[], metavar="section.key=value", help="a setting; may be repeated"
 )  # fmt: skip
@@ -212,7 +216,6 @@ _OF_PERSON = (
     _SET, _KNOWN_PERSON,
     _option("--out", type=Path, metavar="FILE.toml|.json",
             help="default: person.toml in the session's folder or beside the result; of `size` hand.json, of a body body.json"),
-    _JSON,
 )  # fmt: skip
 COMMANDS: dict[str, _Command] = {
     "open": _Command("workbench:run", "Open the workbench in the browser, on a session folder or on the bundled one.", (
@@ -225,13 +228,13 @@ COMMANDS: dict[str, _Command] = {
         _number("--tolerance-ms", float, 0.1, 10_000, default=50.0, metavar="T",
                 help="with --live: how far apart the images of one frame may be (50)"),
         _TAKE_OVER, *_SERVER,
-    )),
+    ), False),
     "start": _Command("workbench:run", "Choose a recording in the browser, or make one from videos, and open the workbench.",
-                      (_TAKE_OVER, *_SERVER)),
-    "demo": _Command("workbench:run", "Open the workbench on a bundled recording that is tracked already.", _SERVER),
+                      (_TAKE_OVER, *_SERVER), False),
+    "demo": _Command("workbench:run", "Open the workbench on a bundled recording that is tracked already.", _SERVER, False),
     "sample": _Command("new_session.new:save_sample", "Write a bundled sample recording to a folder.", (
         _option("name", metavar="NAME", help="two_videos (the tutorial's material) or another_hand or open_fist_open (sessions)"),
-        _option("--to", type=Path, required=True, metavar="DIR", help="folder to make"), _JSON,
+        _option("--to", type=Path, required=True, metavar="DIR", help="folder to make"),
     )),
     "new": _Command("new_session.new:make_session", "Make a session folder from recordings and a calibration.", (
         _NEW,
@@ -269,7 +272,6 @@ COMMANDS: dict[str, _Command] = {
         _option("--masks", choices=("seeded", "skin_ycrcb", "background_mog2", "background_median", "none"),
                 help="how silhouettes are found; settings in session.toml (default: seeded, by the joints, where there are some; "
                 "else skin_ycrcb, by skin colour)"),
-        _JSON,
     )),
     "track": _Command("track:run", "Track a session and save poses.npz.", (
         _SESSION, _INIT, _YES, _FRAMES,
@@ -283,7 +285,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"),
         _option("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"),
         _option("--restart", action="store_true", help="start over instead of resuming an interrupted run"),
-        _TAKE_OVER, _JSON,
+        _TAKE_OVER,
         _option("--explain", type=int, metavar="FRAME", help="report the searches made in this frame and why the winner won"),
     )),
     "batch": _Command("batch:run", "Track many recordings in parallel and report the worst first.", (
@@ -296,7 +298,7 @@ COMMANDS: dict[str, _Command] = {
         _number("--most-lost", float, 0, 1, default=0.5, metavar="SHARE", help="a recording with more lost frames makes the exit code 3 (0.5)"),
         _INIT, _YES, _FRAMES,
         _option("--use", metavar="NAMES", help="as for `track`"), _SET,
-        _option("--seed", type=int, metavar="N", help="as for `track`"), _JSON,
+        _option("--seed", type=int, metavar="N", help="as for `track`"),
     )),
     "takes": _Command("results:manage_takes", "List, compare, restore or remove the takes of a session.", (
         _SESSION,
@@ -304,7 +306,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--compare", type=int, nargs=2, metavar="TAKE", help="how far two takes differ"),
         _option("--prune", type=int, metavar="TAKE", help="remove a take that is not current, for good"),
         _option("--frames", metavar="A:B", help="restore or compare only these (default: all)"),
-        _TAKE_OVER, _JSON,
+        _TAKE_OVER,
     )),
     "person": _Command("person:fit_person", "Fit a person's hand or body shape and save it for other recordings.", _OF_PERSON),
     "size": _Command("person:fit_person", "The same as `person`, saved as hand.json or body.json.", _OF_PERSON),
@@ -316,17 +318,17 @@ COMMANDS: dict[str, _Command] = {
         _LANDMARKS,
         _option("--mano", type=Path, metavar="MODEL", help="your MANO_RIGHT.pkl or MANO_LEFT.pkl, which --to mano fits"),
         _option("--metadata", type=Path, metavar="FILE.toml", help="what archives (nwb) ask of subject and session: subject_id, species, sex, age, start, description, experimenter, institution, lab"),
-        _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"), _JSON,
+        _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"),
     )),
     "evaluate": _Command("checks:compare_with_truth", "Compare a tracked sequence with the truth.", (
-        _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _LANDMARKS, _JSON,
+        _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _LANDMARKS,
     )),
-    "spread": _Command("checks:measure_spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
+    "spread": _Command("checks:measure_spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES,)),
     "skin": _Command("person:fit_skin", "Fit the skin colour filter of point clouds to manually segmented images.", (
         _SESSION,
         _option("--segmented", nargs=2, action="append", metavar=("IMAGE", "MASK"),
                 help="an image file and its mask; several times (default: what was painted in the session's masks)"),
-        _number("--size", float, 0.01, 100, default=2.5, help="of the ellipse, standard deviations (2.5)"), _JSON,
+        _number("--size", float, 0.01, 100, default=2.5, help="of the ellipse, standard deviations (2.5)"),
     )),
     "simulate": _Command("simulate:run", "Make a simulated recording with truth.", (
         _NEW,
@@ -348,7 +350,6 @@ COMMANDS: dict[str, _Command] = {
         _option("--distortion", action="store_true", help="lenses with distortion"),
         _number("--init-noise-mm", float, 0, 100, default=5.0, help="of the keypoints in init.json; 0: exact pose"),
         _number("--seed", int, 0, default=0, help="of motion and noise"),
-        _JSON,
     )),
     "retarget": _Command("simulate:retarget", "Fit a model's size and joint angles to a motion file (BVH, AMC, TRC, C3D).", (
         _option("file", type=Path, metavar="FILE"),
@@ -356,42 +357,38 @@ COMMANDS: dict[str, _Command] = {
         _option("--model", metavar="NAME", help="body34, hand26 or another (default: what the file's names are of)"),
         _SIDE, *_MOTION,
         _option("--fps", dest="motion_fps", type=float, metavar="RATE", help="frames a second, where the file does not say it (AMC)"),
-        _option("--scale", type=Path, metavar="FILE.json", help="a person's saved size (default: fitted)"), _JSON,
+        _option("--scale", type=Path, metavar="FILE.json", help="a person's saved size (default: fitted)"),
     )),
     "model": _Command("checks:check_model", "Check a model definition, or convert a URDF, MJCF or BVH to one.", (
         _option("action", choices=("check",), help="what to do"),
         _option("file", type=Path, metavar="FILE", help="a definition (.toml), or a URDF, MJCF or BVH"),
-        _option("--out", type=Path, metavar="FILE", help="also write it: as a definition, to be changed by hand (.toml), or as a robot (.urdf)"), _JSON,
+        _option("--out", type=Path, metavar="FILE", help="also write it: as a definition, to be changed by hand (.toml), or as a robot (.urdf)"),
     )),
-    "warmup": _Command("checks:compile_kernels", "Compile the kernels now instead of at the first frame.", (_JSON,)),
+    "warmup": _Command("checks:compile_kernels", "Compile the kernels now instead of at the first frame.", ()),
     "detect": _Command("detection:detect", "Find the hand in a session's images and write its 21 joints as files.", (
         _SESSION, _FRAMES,
         _option("--weights", type=Path, metavar="FILE",
                 help="the detector's (default: what HANDTRACK_DETECTOR names, or `handtrack detector install` left)"),
-        _option("--camera", action="append", default=[], metavar="NAME",
-                help="only this camera; may be repeated (default: all with images)"),
+        _CAMERAS,
         _number("--every", int, 1, default=1, metavar="N", help="only every N-th frame (default: 1)"),
         _option("--write", action="store_true", help="also use these joints in session.toml"),
         _option("--masks", action="store_true", help="with --write: also segment by them (method seeded) where masks are not files"),
         _option("--backend", choices=("opencv", "litert"), help="what runs the networks (default: litert where installed)"),
-        _JSON,
     )),
     "masks": _Command("detection:segment_again", "Re-segment the images with the tracked poses and save the masks.", (
         _SESSION,
         _option("--poses", type=Path, metavar="FILE.npz", help="tracked poses (default: the session's tracks/poses.npz)"),
-        _option("--camera", action="append", default=[], metavar="NAME",
-                help="only this camera; may be repeated (default: all with images)"),
+        _CAMERAS,
         _option("--write", action="store_true", help="also use these masks in session.toml"),
-        _JSON,
     )),
     "detector": _Command("detection:install", "Install the hand detector's weights for all sessions.", (
         _option("action", choices=("install",), help="what to do"),
         _option("file", nargs="?", type=Path, metavar="FILE",
-                help="hand_landmarker.task, or a wheel of MediaPipe that has it (default: fetched by pip, 36 MB)"), _JSON,
+                help="hand_landmarker.task, or a wheel of MediaPipe that has it (default: fetched by pip, 36 MB)"),
     )),
     "stereo": _Command("detection:match_stereo", "Match calibrated pairs of images and write point clouds.", (
         _SESSION, _FRAMES,
-        _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"), _JSON,
+        _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"),
     )),
     "calibrate": _Command("calibration:calibrate", "Calibrate cameras from images or videos of a moving board.", (
         _option("--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"),
@@ -407,22 +404,21 @@ COMMANDS: dict[str, _Command] = {
         _number("--most-views", int, 3, default=40, metavar="N", help="views used per camera, sharp and spread"),
         _number("--most-images", int, 3, default=400, metavar="N", help="images searched per camera, evenly"),
         _option("--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"),
-        _JSON,
     )),
     "board": _Command("calibration:save_board", "Write a calibration board to print, in its true size.", (
         _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
         _BOARD,
-        _number("--dpi", float, 50, 2400, default=300.0, help="of a PNG; SVG and PDF are exact"), _JSON,
+        _number("--dpi", float, 50, 2400, default=300.0, help="of a PNG; SVG and PDF are exact"),
     )),
     "doctor": _Command("doctor:check_session", "Check a session folder and report problems.", (
         _SESSION,
-        _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand if joints locate it; suspect cameras are orange"), _JSON,
+        _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand if joints locate it; suspect cameras are orange"),
     )),
     "completion": _Command("completion:print_script", "Print the script by which a shell completes commands, options and files.", (
         _option("shell", choices=("bash", "zsh"), help='for bash: eval "$(handtrack completion bash)" in ~/.bashrc; of zsh a file _handtrack in $fpath'),
-    )),
+    ), False),
     "bench": _Command("checks:run_benchmarks", "Run the benchmarks: each figure beside its reference, in one run.", (
-        _option("name", nargs="?", help="one benchmark (default: all quick ones)"), _JSON,
+        _option("name", nargs="?", help="one benchmark (default: all quick ones)"),
     )),
 }  # fmt: skip
 """by name"""
@@ -469,12 +465,14 @@ def build_parser(
         dest="command", metavar="COMMAND", help="see below", required=True
     )
     for name in names:
-        runs, words, options = COMMANDS[name]
+        runs, words, options, has_json = COMMANDS[name]
         listed: dict[str, Any] = {"help": words} if described else {}
         command = commands.add_parser(name, description=words, allow_abbrev=False, **listed)
         command.set_defaults(runs=runs)
         for names, how in options:
             command.add_argument(*names, **how)  # type: ignore[arg-type]
+        if has_json:
+            command.add_argument("--json", action="store_true", help="print JSON")
     return parser
 
 

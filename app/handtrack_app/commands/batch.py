@@ -36,7 +36,7 @@ from handtrack.parallel import thread_count
 from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.session import Session
 from handtrack.session.takes.take_about import files_read, versions_in_use
-from handtrack_app.commands.terminal.output import answer, say, stoppable
+from handtrack_app.commands.terminal.output import answer, progress_bar, say, stoppable
 
 LEDGER_FILE = "ledger.jsonl"
 _MADE = {TRACKS_FOLDER, "versions"}
@@ -548,8 +548,7 @@ def run(args: argparse.Namespace) -> int:
             if args.dask is None
             else on_dask(args.dask, todo, track_it, stop)
         )
-        interval = 0.2 if sys.stderr.isatty() else 5.0
-        with tqdm(total=len(todo), desc="batch", unit="recording", mininterval=interval, dynamic_ncols=True, disable=not todo) as bar:  # fmt: skip
+        with progress_bar(len(todo), "batch", unit="recording", disable=not todo) as bar:
             for outcome in came:
                 append(ledger, outcome)
                 if outcome.state != DONE:

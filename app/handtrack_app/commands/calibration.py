@@ -171,15 +171,13 @@ def _write_report(calibration: RigCalibration, board: Board, args: argparse.Name
     """Print the report; beside calibration.toml leave it as text, and two pictures."""
     text = report_text(calibration.report)
     stem = args.out.with_suffix("")
-    files = {
-        Path(f"{stem}_report.txt"): (text + "\n").encode(),
-        Path(f"{stem}_rig.png"): cv2.imencode(".png", draw_calibration(calibration, board))[
-            1
-        ].tobytes(),
-        Path(f"{stem}_residuals.png"): cv2.imencode(".png", draw_residuals(calibration))[
-            1
-        ].tobytes(),
+    files = {Path(f"{stem}_report.txt"): (text + "\n").encode()}
+    pictures = {
+        "rig": draw_calibration(calibration, board),
+        "residuals": draw_residuals(calibration),
     }
+    for name, picture in pictures.items():
+        files[Path(f"{stem}_{name}.png")] = cv2.imencode(".png", picture)[1].tobytes()
     for path, content in files.items():
         with replacing(path) as part:
             part.write_bytes(content)

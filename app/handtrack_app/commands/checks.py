@@ -144,7 +144,7 @@ def compare_with_truth(args: argparse.Namespace) -> int:
     return 0
 
 
-def _shown(value: float | int | None) -> str:
+def _shown(value: object) -> str:
     return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
@@ -166,9 +166,8 @@ def measure_spread(args: argparse.Namespace) -> int:
         "explained": found.explained,
     }
     answer(args, told, *(f"{name} = {value:g}" for name, value in settings.items()))
-    frames = "1 frame" if found.frames == 1 else f"{found.frames} frames"
     say(
-        f"from {frames}; the linkage leaves {np.rad2deg(found.residual_rad):.1f}° of the abductions unexplained "
+        f"from {found.frames} {'frame' if found.frames == 1 else 'frames'}; the linkage leaves {np.rad2deg(found.residual_rad):.1f}° of the abductions unexplained "
         f"({100 * found.explained:.0f} % of their squares explained). Use with model.coupling = 18."
     )
     return 0
@@ -185,12 +184,11 @@ def run_benchmarks(args: argparse.Namespace) -> int:
         measure = benchmark(name)
         say(f"{name} …")
         figures[name] = measure()
-    lines = list[str]()
-    for name, figure in figures.items():
-        lines.append(name)
-        for key, value in figure.items():
-            shown = f"{value:.4g}" if isinstance(value, float) else value
-            lines.append(f"  {key:24s} {shown}")
+    lines = [
+        line
+        for name, figure in figures.items()
+        for line in (name, *(f"  {key:24s} {_shown(value)}" for key, value in figure.items()))
+    ]
     answer(args, figures, *lines)
     return 0
 

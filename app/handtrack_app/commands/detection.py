@@ -72,9 +72,9 @@ def detect(args: argparse.Namespace) -> int:
     masks = mask_changes(session, [name for name in often if name in where])
     if args.masks:
         changes |= masks
-    said = ""
-    if args.write and changes:
-        said = edit_toml(session.folder / SESSION_FILE, changes, "a session's settings")
+    by = " Masks are made by them (method seeded)." if args.masks and masks else ""
+    used = f"{by} `handtrack track` takes them beside all else."
+    to_use = _used(session, changes, args.write, used) if changes else []
     note(*_notes(session, found), *session.warnings)
     cameras = {row.camera: asdict(row) for row in found}
     told = {
@@ -85,12 +85,7 @@ def detect(args: argparse.Namespace) -> int:
         f"{row.camera}: found in {row.found} of {row.images} images ({100 * row.found / max(row.images, 1):.1f} %)."
         for row in found
     ]
-    lines.append(f"Joints are in {session.folder / KEYPOINTS_FOLDER}.")
-    by = " Masks are made by them (method seeded)." if args.masks and masks else ""
-    if args.write and changes:
-        lines.append(f"{SESSION_FILE} says so now.{said}{by} `handtrack track` takes them beside all else.")  # fmt: skip
-    elif changes:
-        lines += _to_be_written(session, changes)
+    lines += [f"Joints are in {session.folder / KEYPOINTS_FOLDER}.", *to_use]
     if masks and not args.masks:
         lines.append(
             f"Masks can be made by these joints: give --masks, too, or write masks = {_SEEDED}."
@@ -99,8 +94,11 @@ def detect(args: argparse.Namespace) -> int:
     return stop.code
 
 
-def _to_be_written(session: Session, changes: dict[str, Any]) -> list[str]:
-    """Return what session.toml is to say, in lines."""
+def _used(session: Session, changes: dict[str, Any], writes: bool, used: str) -> list[str]:
+    """Write into session.toml what it is to say of files that were made, or return it in lines. used: what follows then."""
+    if writes:
+        said = edit_toml(session.folder / SESSION_FILE, changes, "a session's settings")
+        return [f"{SESSION_FILE} says so now.{said}{used}"]
     lines = [f"To use them, give --write, or write in {SESSION_FILE}:"]
     for key, value in changes.items():
         _, number, name = key.split(".", 2)
@@ -162,20 +160,15 @@ def segment_again(args: argparse.Namespace) -> int:
     off = refinement.outline_errors_px(frames[:: max(len(frames) // _COMPARED, 1)])
     for name, row in found.items():
         row["off_px"] = off[name]
-    changes, said = refinement.changes(), ""
-    if args.write and not stop.asked:
-        said = edit_toml(session.folder / SESSION_FILE, changes, "a session's settings")
+    changes, writes = refinement.changes(), args.write and not stop.asked
+    to_use = _used(session, changes, writes, " `handtrack track` uses them from now on.")
     note(*session.warnings)
     lines = [
         "{camera}: {masks} masks; {known:.0%} of the hand is known (median), and agrees with the model by {agreement:.2f} (IoU). "
         "The other cameras contradict {off_px:.1f} px of its outline.".format(**row)
         for row in found.values()
     ]
-    lines.append(f"Masks are in {session.folder / MASKS_FOLDER}.")
-    if args.write and not stop.asked:
-        lines.append(f"{SESSION_FILE} says so now.{said} `handtrack track` uses them from now on.")
-    else:
-        lines += _to_be_written(session, changes)
+    lines += [f"Masks are in {session.folder / MASKS_FOLDER}.", *to_use]
     told = {"cameras": found, "session_file": changes, "written": args.write, "interrupted": stop.asked}  # fmt: skip
     answer(args, told, *lines)
     return stop.code

@@ -51,6 +51,7 @@ _SUFFIXES = (".bvh", ".amc", ".asf", ".trc", ".c3d", ".csv")
 
 def run(args: argparse.Namespace) -> int:
     """Render the session folder and name it."""
+    check_new(args.out)
     file = _motion_file(args)
     known = None
     if file is None:
@@ -71,7 +72,6 @@ def run(args: argparse.Namespace) -> int:
         clip = clip.resampled(args.fps)
         clip = staged(replace(clip, positions=clip.positions[: args.frames]))
         args.frames = len(clip.positions)
-        check_new(args.out)
         known = custom_motion(fitted(args.model, args.side, clip), file.name)
     what = Simulation(
         model=args.model,
@@ -92,7 +92,6 @@ def run(args: argparse.Namespace) -> int:
         clouds=args.clouds,
     )
     what.check()
-    check_new(args.out)
     total = args.frames * args.cameras
     with new_folder(args.out) as folder, progress_bar(total, "rendering") as bar:
 

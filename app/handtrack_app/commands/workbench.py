@@ -33,7 +33,9 @@ def run(args: argparse.Namespace) -> int:
     folder = demo_session() if demo else bundled_session() if args.session is None else args.session
     live = None if demo else live_options(args)
     if live is None and not (folder / SESSION_FILE).is_file():
-        _refuse(folder)
+        from handtrack.session.session import Session
+
+        Session.open(folder)  # says what is missing
     if args.port is not None:
         choose_port(args.host, args.port)  # says what is wrong with it before anything starts
     use_one_arena()
@@ -104,9 +106,3 @@ def live_options(args: argparse.Namespace) -> LiveOptions | None:
     if args.record is not None:
         check_new(args.record, "--record")
     return LiveOptions(args.camera, args.tolerance_ms * 1e-3, args.record)
-
-
-def _refuse(folder: Path) -> None:
-    from handtrack.session.session import Session
-
-    Session.open(folder)

@@ -11,7 +11,7 @@ from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.joints.given_joints import UnknownPoints
 from handtrack.capture.joints.subject import BODY, HAND
 from handtrack.capture.masks.seeded import Seeded
-from handtrack.capture.masks.segmentation import METHODS, MaskMethod
+from handtrack.capture.masks.segmentation import METHODS
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.toml_table import read_table
 from handtrack.geometry.camera import CameraRig
@@ -100,7 +100,9 @@ def make_session(args: argparse.Namespace) -> int:
         raise HandtrackError(
             f"--masks {args.masks}: masks by joints, and there are none: {missing}"
         )
-    masks = mask_method(args.masks or (_WITHOUT_JOINTS if is_hand else "none"))
+    method, masks = args.masks or (_WITHOUT_JOINTS if is_hand else "none"), None
+    if method != "none":
+        masks = read_table(METHODS[method], {}, f"--masks {method}")
     files, roots = dict[str, Path](), list[Path]()
 
     def setting(given: Given | None, place: str) -> str | None:
@@ -221,11 +223,6 @@ def _with_masks_by_joints(
         say(f"masks of {', '.join(by)}: by the joints (method {Seeded.name}).")
     changed = (replace(c, masks=Seeded()) if c.name in by else c for c in file.cameras)
     return replace(file, cameras=tuple(changed))
-
-
-def mask_method(name: str) -> MaskMethod | None:
-    """Return a mask method with its usual settings; None for `none`."""
-    return None if name == "none" else read_table(METHODS[name], {}, f"--masks {name}")
 
 
 def _check_cameras(

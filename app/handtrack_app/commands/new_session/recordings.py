@@ -451,7 +451,7 @@ def _person(
     number = args.person or 1
     if number > len(everybody):
         raise HandtrackError(
-            f"--person {number}: {where} has {_people(len(everybody))}; expected at most {len(everybody)}."
+            f"--person {number}: {where} has {len(everybody)} {'person' if len(everybody) == 1 else 'people'}; expected at most {len(everybody)}."
         )
     what, notes = f"{given.family}, a body ({layout})", ()
     if len(everybody) > 1:
@@ -463,7 +463,3 @@ def _person(
     return CameraJoints(
         where, everybody[number - 1], "", bodies.is_share, layout, what, bodies.unknown, notes
     )
-
-
-def _people(count: int) -> str:
-    return "one person" if count == 1 else f"{count} people"

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
@@ -136,14 +136,11 @@ INTERRUPTED = 130
 _SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 
 
-def _interval_s() -> float:
-    """Return how often a bar is drawn anew: a line every few seconds where stderr is no terminal."""
-    return 0.2 if sys.stderr.isatty() else 5.0
-
-
-def progress_bar(total: int, what: str) -> tqdm:
-    """Return a bar of frames on stderr."""
-    return tqdm(total=total, desc=what, unit="frame", mininterval=_interval_s(), dynamic_ncols=True)
+def progress_bar(total: float, what: str, **how: Any) -> tqdm:
+    """Return a bar of frames on stderr, drawn anew every few seconds where that is no terminal. how: otherwise, as of tqdm."""
+    interval_s = 0.2 if sys.stderr.isatty() else 5.0
+    how = {"unit": "frame", "mininterval": interval_s, "dynamic_ncols": True, **how}
+    return tqdm(total=total, desc=what, **how)
 
 
 @contextmanager
@@ -154,9 +151,7 @@ def share_bar(what: str) -> Iterator[ReportProgress]:
     def tell(share: float, words: str, _: object = None, /) -> None:
         if not bars:
             shape = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
-            bars.append(
-                tqdm(total=1.0, desc=what, mininterval=_interval_s(), bar_format=shape, dynamic_ncols=True)
-            )  # fmt: skip
+            bars.append(progress_bar(1.0, what, bar_format=shape))
         bars[0].set_postfix_str(words, refresh=False)
         bars[0].update(share - bars[0].n)
 
