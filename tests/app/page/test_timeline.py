@@ -18,7 +18,7 @@ from handtrack_app.page.panels.tracking import nearest_posed
 from handtrack_app.page.time.lanes import Window, lanes_of, lanes_picture
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.palette import STATUS
-from handtrack_app.protocol.snapshots import COST, ERROR, TERM, Curve, ScoreSnapshot
+from handtrack_app.protocol.snapshots import COST, ERROR, TERM, Curve, CurvesSnapshot, ScoreSnapshot
 from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed, tracked
 from tests.app.page.test_review_panel import _tracked
@@ -86,6 +86,8 @@ def test_the_tab_plots_the_angles_of_a_finger(bench, wire):
     eventually(lambda: len(panel.plots) == 4)
     assert np.isfinite(panel.plots[0].data[1]).any()
     before = panel.plots[0].data
+    panel.show(CurvesSnapshot(tuple(replace(c, values=c.values + 1.0) for c in panel.curves)))
+    assert (panel.plots[0].data[1] > before[1]).all(), "the same joints, as they are now"
     bench.layout.timeline.look_closer("+")
     eventually(lambda: len(panel.plots[0].data[0]) < len(before[0]))
     wire.set_value(panel.group, "Thumb")
