@@ -97,7 +97,7 @@ def chain_along(model: ArticulatedModel, name: str, joints: Sequence[str]) -> Ch
     """
     skeleton, matrix = model.skeleton, model.transform.matrix
     columns, link = _hinges_between(model, joints)
-    zero = model.bones(model.transform.solver_params(np.zeros(skeleton.parameter_count)))
+    zero = model.bones(model.params_from({}))
     points = model.joint_positions(zero)
     places = np.array(indices(model.joint_names, joints))
     bone = skeleton.hinge_bone[columns - 6]
@@ -135,7 +135,7 @@ def chain_along(model: ArticulatedModel, name: str, joints: Sequence[str]) -> Ch
 def moved_joints(model: ArticulatedModel) -> Array[J, K]:
     """Return (J, H) which hinges move which joints: those before one, unless it lies on their axis in every pose."""
     skeleton = model.skeleton
-    zero = model.bones(model.transform.solver_params(np.zeros(skeleton.parameter_count)))
+    zero = model.bones(model.params_from({}))
     bone = skeleton.hinge_bone
     axis = np.einsum("hij,hj->hi", zero.rotation[bone], skeleton.hinge_axis)
     arm = model.joint_positions(zero)[:, None] - zero.position[bone]
@@ -210,8 +210,7 @@ def chain_votes(
     if not chains:
         return np.zeros(0)
     low, high = model.bounds(params).T
-    known = np.isfinite(low) & np.isfinite(high) & (high > low)
-    width = np.where(known, np.where(known, high, 0.0) - np.where(known, low, 0.0), np.inf)
+    width = np.where(high > low, high - low, np.inf)
     scaled = covariance / (width[:, None] * width)
     values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]

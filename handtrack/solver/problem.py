@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import D2, Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.kinematics import BonePoses, bone_poses
+from handtrack.model.kinematics import BonePoses
 from handtrack.model.limits import MovingLimits
 from handtrack.terms.bone_kernels import to_solver
 from handtrack.terms.bone_system import COST_ALONE, JointSystem, Sums
@@ -28,8 +28,7 @@ class Problem:
 
     def cost(self, params: Floats[P]) -> float:
         """Return the sum of all terms' costs."""
-        joint = self.model.joint_params(params)
-        bones = bone_poses(self.model.skeleton, joint)
+        bones, joint = self.model.bones(params), self.model.joint_params(params)
         return self._summed(bones, joint, COST_ALONE, COST_ALONE)
 
     def costs(self, params: Floats[P]) -> dict[str, float]:

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D2, Floats, Ints, K, array_dataclass, check_shape
-from handtrack.errors import HandtrackError, check_name
+from handtrack.errors import check_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_kernels import posed_shapes
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.collision_kernels import collision_sums, overlaps
-from handtrack.terms.term import SurfaceTerm
+from handtrack.terms.term import SurfaceTerm, check_noise
 
 _SOFT_M = 0.002
 """how far a finger's flesh gives way under a light touch: its pulp by 2 mm at a newton, and hardly further (Serina et al. 1997); as
@@ -56,10 +56,7 @@ class CollisionTerm(SurfaceTerm):
 
     def __post_init__(self) -> None:
         check_shape(self.pairs, (None, 2), f"{self.name}: pairs of ellipsoids")
-        if not (0.0 < self.sigma_m < np.inf and self.slack_m >= 0.0):
-            raise HandtrackError(
-                f"{self.name}: sigma {self.sigma_m:g} m and slack {self.slack_m:g} m; expected positive lengths."
-            )
+        check_noise(self.name, self.sigma_m, self.slack_m)
 
     @classmethod
     def of(

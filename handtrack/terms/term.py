@@ -4,10 +4,21 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+import numpy as np
+
 from handtrack.arrays import B, Floats, L, N, S
+from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.terms.bone_kernels import pull_back
 from handtrack.terms.bone_system import COST_ALONE, JointSystem, Sums
+
+
+def check_noise(name: str, sigma_m: float, slack_m: float = 0.0) -> None:
+    """Raise HandtrackError unless a term's σ is a positive length, and what is free of cost none below 0 [m]."""
+    if not (0.0 < sigma_m < np.inf and slack_m >= 0.0):
+        raise HandtrackError(
+            f"{name}: sigma {sigma_m:g} m and slack {slack_m:g} m; expected positive lengths."
+        )
 
 
 class ObservationTerm(ABC):

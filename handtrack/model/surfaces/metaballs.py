@@ -95,20 +95,21 @@ class MetaballSurface:
         """Return signed distance [m], closest ellipsoid and the distance's gradient, about unit length near the surface, at points world [m];
         NaN at NaN.
         """
-        points = np.ascontiguousarray(points, dtype=float)
-        check_shape(points, (None, 3), "points")
-        distance, gradient = np.empty(len(points)), np.empty(points.shape)
-        closest = np.empty(len(points), np.int64)
-        merged_distance(points, self.posed(bones), True, distance, closest, gradient)
-        return distance, closest, gradient
+        return self._merged(bones, points, True)
 
     def distance(self, bones: BonePoses, points: Floats[N, D3]) -> Floats[N]:
         """Return the signed distance [m] of points world, negative inside."""
+        return self._merged(bones, points, False)[0]
+
+    def _merged(
+        self, bones: BonePoses, points: Floats[N, D3], want_gradient: bool
+    ) -> tuple[Floats[N], Ints[N], Floats[N, D3]]:
         points = np.ascontiguousarray(points, dtype=float)
         check_shape(points, (None, 3), "points")
         distance, closest = np.empty(len(points)), np.empty(len(points), np.int64)
-        merged_distance(points, self.posed(bones), False, distance, closest, np.empty((0, 3)))
-        return distance
+        gradient = np.empty(points.shape if want_gradient else (0, 3))
+        merged_distance(points, self.posed(bones), want_gradient, distance, closest, gradient)
+        return distance, closest, gradient
 
     def projected(self, bones: BonePoses, points: Floats[N, D3], steps: int = 6) -> Floats[N, D3]:
         """Return points moved along the gradient onto the surface d = 0 (Newton's steps, some millimetres)."""

@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from handtrack.arrays import D3, D4, Floats, K, M, N, array_dataclass, check_shape
-from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.clouds.cloud_kernels import BLOCK, aligned, arrange, cloud_sums
 from handtrack.terms.loss import Loss, quadratic
-from handtrack.terms.term import SurfaceTerm
+from handtrack.terms.term import SurfaceTerm, check_noise
 
 FARTHEST_M = 1e6
 """A coordinate beyond this is no measurement."""
@@ -78,10 +77,7 @@ class CloudDistanceTerm(SurfaceTerm):
     name: str = "cloud_distance"
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.sigma_m < np.inf:
-            raise HandtrackError(
-                f"{self.name}: sigma {self.sigma_m:g} m; expected a positive length."
-            )
+        check_noise(self.name, self.sigma_m)
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         return cloud_sums(

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, Ints, K, M, V, array_dataclass, check_shape
-from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.clouds.distance_map import DistanceMap
 from handtrack.terms.clouds.distance_map_kernels import emptiness_sums
 from handtrack.terms.loss import Loss, quadratic
-from handtrack.terms.term import SurfaceTerm
+from handtrack.terms.term import SurfaceTerm, check_noise
 
 GRAZING = 0.25
 """cosine between normal and viewing ray below which a surface is seen too flatly to be asked for"""
@@ -43,10 +42,7 @@ class CloudEmptinessTerm(SurfaceTerm):
 
     def __post_init__(self) -> None:
         check_shape(self.local, (len(self.bone), 3), f"{self.name}: model points")
-        if not (0.0 < self.sigma_m < np.inf and self.slack_m >= 0.0):
-            raise HandtrackError(
-                f"{self.name}: sigma {self.sigma_m:g} m and slack {self.slack_m:g} m; expected positive lengths."
-            )
+        check_noise(self.name, self.sigma_m, self.slack_m)
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         if self.distances.is_empty:

@@ -10,13 +10,12 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import D3, Floats, N, array_dataclass, check_shape
-from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.clouds.cloud_rays_kernels import rays_sums
 from handtrack.terms.loss import geman_mcclure, uniform_outliers
-from handtrack.terms.term import SurfaceTerm
+from handtrack.terms.term import SurfaceTerm, check_noise
 
 OUTLIERS = uniform_outliers()
 BESIDE_M, MISSED = 0.001, geman_mcclure(15.0)
@@ -45,10 +44,7 @@ class CloudRaysTerm(SurfaceTerm):
     def __post_init__(self) -> None:
         check_shape(self.points, (None, 3), f"{self.name}: points")
         check_shape(self.centre, (3,), f"{self.name}: centre")
-        if not 0.0 < self.along_m < np.inf:
-            raise HandtrackError(
-                f"{self.name}: sigma {self.along_m:g} m along; expected a positive length."
-            )
+        check_noise(self.name, self.along_m)
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         noise = self.along_m, OUTLIERS, BESIDE_M, MISSED
