@@ -67,9 +67,7 @@ class CurrentTrack(Mapping[int, FrameResult]):
 
     def below(self, frame: int) -> FrameResult | None:
         """Return what showed at a frame before the take that shows there was laid over it; None where nothing did."""
-        takes = [
-            take for frames, take in reversed(self.layers) if frame in take and frame in frames
-        ]
+        takes = [*self._takes(frame)]
         return takes[1][frame] if len(takes) > 1 else None
 
     @property
@@ -83,11 +81,12 @@ class CurrentTrack(Mapping[int, FrameResult]):
         """Return how many frames a take shows."""
         return sum(self._take(frame) is take for frame in take)
 
+    def _takes(self, frame: object) -> Iterator[TakeFrames]:
+        """Yield the takes that have a frame, the uppermost first."""
+        return (take for frames, take in reversed(self.layers) if frame in take and frame in frames)
+
     def _take(self, frame: object) -> TakeFrames | None:
-        for frames, take in reversed(self.layers):
-            if frame in take and frame in frames:
-                return take
-        return None
+        return next(self._takes(frame), None)
 
     def __getitem__(self, frame: int) -> FrameResult:
         """Raises KeyError, or HandtrackError where a frame cannot be read any more."""

@@ -12,7 +12,9 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
-from typing import Any
+from typing import Any, Literal
+
+import msgspec
 
 Value = Any
 """JSON; None where nothing is said"""
@@ -20,7 +22,7 @@ State = Mapping[str, Value]
 
 DO, UNDO, REDO, NOTE = "do", "undo", "redo", "note"
 _OPEN = 4  # steps that are kept as they are: the latest, which a drag goes on with, and those of an undo
-KINDS = (DO, UNDO, REDO, NOTE)
+Kind = Literal["do", "undo", "redo", "note"]
 """a note changes the state, and is no step of the history: what was saved to a file, say"""
 
 
@@ -39,7 +41,7 @@ class Action:
 
     id: int
     """its number in the session, from 1"""
-    kind: str
+    kind: Kind
     words: str
     """what was done, for people"""
     changes: tuple[Change, ...]
@@ -58,27 +60,13 @@ class Action:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Action:
-        """Return the action of a record's content. Raises ValueError, KeyError or TypeError for one that is none."""
-        changes = tuple(Change(str(c["key"]), c["before"], c["after"]) for c in content["changes"])
-        if content["kind"] not in KINDS:
-            raise ValueError(f"no kind of action: {content['kind']}")
-        return cls(
-            int(content["id"]),
-            str(content["kind"]),
-            str(content["words"]),
-            changes,
-            bool(content.get("joins", False)),
-            _said(content.get("said")),
-        )
+        """Return the action of a record's content. Raises ValueError for one that is none."""
+        return msgspec.convert(content, cls)
 
     @property
     def after(self) -> dict[str, Value]:
         """What holds after it, of the values that it changes."""
         return {change.key: change.after for change in self.changes}
-
-
-def _said(value: Any) -> tuple[str, int] | None:
-    return None if value is None else (str(value[0]), int(value[1]))
 
 
 def apply(changes: Iterable[Change], state: dict[str, Value]) -> None:
@@ -170,7 +158,7 @@ class History:
         return history
 
     def next(
-        self, words: str, changes: Sequence[Change], kind: str = DO, joins: bool = False
+        self, words: str, changes: Sequence[Change], kind: Kind = DO, joins: bool = False
     ) -> Action:
         """Return an action that may come next; `take` makes it count."""
         return Action(self.last_id + 1, kind, words, tuple(changes), joins)

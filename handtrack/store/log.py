@@ -22,9 +22,7 @@ _ENDING = ".log"
 
 def segments(folder: Path) -> list[Path]:
     """Return the segments of a log, the oldest generation first."""
-    if not folder.is_dir():
-        return []
-    found = [path for path in folder.iterdir() if path.suffix == _ENDING and path.stem.isdecimal()]
+    found = (path for path in folder.glob(f"*{_ENDING}") if path.stem.isdecimal())
     return sorted(found, key=lambda path: int(path.stem))
 
 
@@ -110,7 +108,7 @@ class LogWriter:
             self._check()
             try:
                 handle = self._opened()
-                self._cut(handle)
+                self._cut()
                 block = encoded(Record(self._seq + 1, kind, data, payload))
                 self._torn = True
                 rest = memoryview(block)
@@ -119,7 +117,10 @@ class LogWriter:
                 if durable:
                     os.fsync(handle)
             except OSError as error:
-                self._give_up()
+                with suppress(
+                    OSError
+                ):  # tried again before the next record: till then it looks like a torn end
+                    self._cut()
                 raise self._failed(error) from None
             self._torn, begin = False, self._end
             self._seq, self._end = self._seq + 1, begin + len(block)
@@ -164,19 +165,11 @@ class LogWriter:
             raise OSError(None, "another program put a file in its place")
         return self._file
 
-    def _cut(self, handle: int) -> None:
+    def _cut(self) -> None:
         """Remove what a write that failed has left of a record that nobody was told is saved."""
-        if self._torn:
-            os.ftruncate(handle, self._end)
+        if self._torn and self._file is not None:
+            os.ftruncate(self._file, self._end)
             self._torn = False
-
-    def _give_up(self) -> None:
-        if self._file is None:
-            return
-        with suppress(
-            OSError
-        ):  # tried again before the next record; until then it looks like a torn end
-            self._cut(self._file)
 
     def _failed(self, error: OSError) -> HandtrackError:
         return HandtrackError(

@@ -131,8 +131,7 @@ class Store:
         return None
 
     def _all_takes(self) -> list[Take]:
-        folder = self.folder / _TAKES
-        found = folder.iterdir() if folder.is_dir() else ()
+        found = (self.folder / _TAKES).glob("*")
         takes = [Take(path) for path in found if path.name.isdecimal() and size_of(path)]
         return sorted(takes, key=lambda take: take.number)
 
@@ -170,9 +169,7 @@ class WritableStore(Store):
         """Begin a new take."""
         folder = self.folder / _TAKES
         pruned = [data["take"] for data in self._actions(_PRUNED)]
-        there = (
-            [int(p.name) for p in folder.iterdir() if p.name.isdecimal()] if folder.is_dir() else []
-        )
+        there = [int(p.name) for p in folder.glob("*") if p.name.isdecimal()]
         return self._writer(Take(folder / f"{max([0, *pruned, *there]) + 1:04d}"), about)
 
     def go_on(self, take: Take) -> TakeWriter:

@@ -77,15 +77,15 @@ class StereoClouds(CloudSource):
             (a, b, StereoMatcher(a.camera, b.camera, settings, _by_level_lines(a, b)))
             for a, b in pairs
         )
-        self._warnings: dict[tuple[int, int], str] = {}
-        self._checked: set[int] = set()
+        self._met: dict[int, str] = {}  # by pair, once it was looked at; empty: nothing is odd
         self._lock = threading.Lock()
 
     @property
     def warnings(self) -> list[str]:
         with self._lock:
-            met = [self._warnings[key] for key in sorted(self._warnings)]
-        return [*filter(None, (_length_warning(a, b) for a, b, _ in self._pairs)), *met]
+            met = [text for _, text in sorted(self._met.items())]
+        lengths = (_length_warning(a, b) for a, b, _ in self._pairs)
+        return [*filter(None, (*lengths, *met))]
 
     def read(self, frame: int) -> PointCloud | None:
         clouds = [
@@ -115,13 +115,13 @@ class StereoClouds(CloudSource):
         taken: tuple[Bytes, Bytes, Bytes | None, Bytes | None],
     ) -> None:
         with self._lock:
-            if index in self._checked:
+            if index in self._met:
                 return
-            self._checked.add(index)
+            self._met[index] = ""
         problem = check_pair(matcher, view, *taken[:2])
         if problem is not None:
             with self._lock:
-                self._warnings[index, frame] = f"[clouds] stereo, frame {frame}, {problem}"
+                self._met[index] = f"[clouds] stereo, frame {frame}, {problem}"
 
 
 def _by_level_lines(*views: View) -> bool:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
-from hashlib import blake2b
 from itertools import chain, takewhile
 from pathlib import Path
 
@@ -61,11 +61,8 @@ def make_current(store: WritableStore, spans: Sequence[Span], words: str, path: 
 
 def file_digest(path: Path) -> str:
     """Return what tells a file's content from any other."""
-    total = blake2b(digest_size=16)
     with path.open("rb") as file:
-        while chunk := file.read(1 << 20):
-            total.update(chunk)
-    return total.hexdigest()
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
 
 
 def _imported(store: WritableStore, track: TrackResult) -> int:

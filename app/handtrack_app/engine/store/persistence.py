@@ -41,7 +41,7 @@ from handtrack.session.session_state import (
 from handtrack.session.takes.take_about import foreign_takes, refined_by, versions_in_use
 from handtrack.session.takes.take_recorder import import_track
 from handtrack.store.current_track import TakeFrames
-from handtrack.store.history import DO, NOTE, Action, Change, History, merged
+from handtrack.store.history import DO, NOTE, Action, Change, History, Kind, merged
 from handtrack.store.lease import LeaseTaken
 from handtrack.store.spans import Span, resolved
 from handtrack.store.store import Store, WritableStore
@@ -200,7 +200,7 @@ class Persistence:
         words: str,
         edit: Edit,
         tag: str = "",
-        kind: str = DO,
+        kind: Kind = DO,
         waits: bool = False,
         is_stroke: bool = False,
     ) -> bool:
