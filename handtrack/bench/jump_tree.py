@@ -93,8 +93,8 @@ def tentacle() -> ArticulatedModel:
     limits = Limits(
         np.concatenate([np.tile((-np.inf, np.inf), (6, 1)), interval]),
         np.empty((0, 2), dtype=int),
-        np.empty(0),
-        np.empty(0),
+        1.0,
+        1.0,
     )
     return replace(
         load_model("body34"),

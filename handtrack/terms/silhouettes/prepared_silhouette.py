@@ -30,6 +30,7 @@ from handtrack.arrays import (
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
+from handtrack.terms.silhouettes.pieces_kernels import fill_pieces, mark_edges
 
 
 class MaskArrays(NamedTuple):
@@ -106,24 +107,19 @@ def prepare(
     valid = np.clip(silhouette.valid, 0, width).astype(np.int32)
     if line is not None:
         valid = clip_spans(valid, line)
-    changes = np.zeros((height, 8 * (width // 8 + 1)), bool)
-    np.not_equal(image[:, 1:], image[:, :-1], out=changes[:, 1:width])
-    edges = np.packbits(changes, axis=1, bitorder="little")
-    changes[:, 0] = True
-    row, left = np.divmod(np.flatnonzero(changes), changes.shape[1])
-    begins, ends = np.searchsorted(row, np.arange(height + 1)), np.roll(left, -1)
-    ends[begins[1:] - 1] = width
-    values = (-1.0 if observation is None else 1.0) * image[row, left].astype(float)
-    seen = np.minimum(ends, valid[row, 1]) - np.maximum(left, valid[row, 0])
-    seen = np.where((seen > 0) & ~(values > 0.0), seen, 0)
-    energy = np.bincount(row, seen * values * values, height).astype(float)
+    image = np.ascontiguousarray(image, dtype=np.float32 if observation is None else np.float64)
+    begins, edges = np.empty(height + 1, np.int64), np.empty((height, width // 8 + 1), np.uint8)
+    count = mark_edges(image, edges, begins)
+    ends, values, energy = np.empty(count, np.int64), np.empty(count), np.empty(height)
+    sign = -1.0 if observation is None else 1.0
+    area = fill_pieces(image, sign, valid, edges, begins, ends, values, energy)
     if not np.isfinite(energy).all():
         raise HandtrackError(
             f"{where}: it holds values that are not finite numbers; expected coverage from 0 to 1 (or a field ≤ 0)."
         )
     powers = power_sums(width), height_powers(height)
     mask = MaskArrays(valid, begins, ends, values, edges, *powers)
-    return PreparedSilhouette(camera, mask, energy, -float((seen * values).sum()))
+    return PreparedSilhouette(camera, mask, energy, float(area))
 
 
 def clip_spans(valid: Array[H, D2], line: Sequence[float]) -> Array[H, D2]:
