@@ -308,7 +308,10 @@ def run_workbench(
         failure = bench.worker.wait_opened(None)
         if failure is not None:
             raise failure
-        bench.left.wait()
+        while not bench.left.wait(
+            0.5
+        ):  # another thread may get the signal, which wakes no waiting main one
+            pass
         return bench.door
     except KeyboardInterrupt:
         return None
