@@ -36,8 +36,8 @@ _MOST_S = 600.0
 class _Handed(importlib.abc.SourceLoader, importlib.abc.MetaPathFinder):
     """Gives one module another source."""
 
-    def __init__(self, module: str, source: str):
-        self.module, self.source = module, source
+    def __init__(self, module: str, file: Path, source: str):
+        self.module, self.file, self.source = module, file, source
 
     def find_spec(self, fullname, path=None, target=None):
         if fullname == self.module:
@@ -45,7 +45,7 @@ class _Handed(importlib.abc.SourceLoader, importlib.abc.MetaPathFinder):
         return None
 
     def get_filename(self, fullname):
-        return str(modules()[self.module])
+        return str(self.file)
 
     def get_data(self, path):
         return self.source.encode()
@@ -62,8 +62,8 @@ class _First:
             os.write(self._pipe, report.nodeid.encode())
 
 
-def failure(module: str, source: str, tests: list[str], most_s: float) -> str | None:
-    """Run tests with a module's source, in a process of its own, within a time.
+def failure(module: str, file: Path, source: str, tests: list[str]) -> str | None:
+    """Run tests with a module's source in place of its file, in a process of its own.
 
     Returns None if all pass; else the first that failed, or what happened instead.
     """
@@ -75,14 +75,14 @@ def failure(module: str, source: str, tests: list[str], most_s: float) -> str | 
             silent = os.open(os.devnull, os.O_WRONLY)
             os.dup2(silent, 1)
             os.dup2(silent, 2)
-            sys.meta_path.insert(0, _Handed(module, source))
+            sys.meta_path.insert(0, _Handed(module, file, source))
             options = ["-x", "-q", "-p", "no:cacheprovider"]
             code = int(pytest.main([*options, *tests], plugins=[_First(writing)]))
         finally:
             os._exit(code)
     os.close(writing)
     began, status = time.monotonic(), None
-    while status is None and time.monotonic() - began < most_s:
+    while status is None and time.monotonic() - began < _MOST_S:
         done, waited = os.waitpid(child, os.WNOHANG)
         status = os.waitstatus_to_exitcode(waited) if done else None
         time.sleep(0.02)
@@ -102,11 +102,11 @@ def outcome(module: str, file: Path, mutant: Mutant, coverage: Coverage, most: i
     tests = coverage.tests(file, source, mutant.line, most)
     if not tests:
         return "NOT RUN"
-    first = failure(module, mutant.source, tests, _MOST_S)
+    first = failure(module, file, mutant.source, tests)
     if first is None:
         return "SURVIVED"
     again = [first] if "::" in first else tests[:1]
-    return "killed" if failure(module, source, again, _MOST_S) is None else "left out"
+    return "killed" if failure(module, file, source, again) is None else "left out"
 
 
 def main() -> None:
