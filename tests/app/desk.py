@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.open_session import RULES
+from handtrack_app.engine.open_session import COMMANDS
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.page import UserState
 from handtrack_app.process.child import EnginePlan
@@ -65,7 +65,7 @@ class EngineInThreads(Worker):
         self._publish_on = publish
         self._opened = {is_whole: threading.Event() for is_whole in (False, True)}
         self._why: Exception | None = None
-        self.engine = cast("Engine", Caller(lambda *asked: self.send(Call.of(RULES, *asked))))
+        self.engine = cast("Engine", Caller(lambda *asked: self.send(Call.of(COMMANDS, *asked))))
 
     def _tell(self, snapshot: snapshots.Snapshot) -> None:
         self._publish_on(snapshot)

@@ -53,7 +53,7 @@ from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import FIXED
 from handtrack_app.engine.tracked_rows import moved_mm
-from handtrack_app.protocol.calls import Rule
+from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
     Guess,
     GuessesSnapshot,
@@ -294,7 +294,7 @@ class JobControl:
 
     # ---- starting
 
-    @Rule(job=True)
+    @Command(job=True)
     def track(
         self,
         start: int,
@@ -337,7 +337,7 @@ class JobControl:
         work = partial(jobs.track, run=run, request=request, watch=self._watch)
         self.begin("tracking", work, request, run.session.live is not None)
 
-    @Rule(job=True)
+    @Command(job=True)
     def refine(self) -> None:
         """Optimise the tracked frames jointly; keyframes stay fixed. Where nothing but keyframes and pins has changed since, those
         that they touch.
@@ -355,7 +355,7 @@ class JobControl:
         )
         self.begin("refining", work, request)
 
-    @Rule(job=True)
+    @Command(job=True)
     def track_live(self) -> None:
         """Track what the cameras show from now on, from the pose shown, until it is cancelled."""
         self._prepare()
@@ -368,7 +368,7 @@ class JobControl:
         endless = range(first, first + _ENDLESS)
         self._track(TrackingRequest(endless, first, document.shown, fit_size=False, refine=False))
 
-    @Rule(job=True, files=True)
+    @Command(job=True, files=True)
     def fit_size(self) -> None:
         """Fit the hand's size to the frames near the first pose."""
         self._prepare()
@@ -379,7 +379,7 @@ class JobControl:
             )
         self.begin("sizing", partial(jobs.fit_size, run=self._document.run))
 
-    @Rule(job=True)
+    @Command(job=True)
     def find_hand(self, frame: int | None, fetch: bool = False) -> None:
         """Detect the hand without a first pose, in one frame, or in the surest of several (None). fetch: get the detector's networks
         before.
@@ -387,7 +387,7 @@ class JobControl:
         self._prepare()
         self.begin("finding", partial(jobs.find, run=self._document.run, frame=frame, fetch=fetch))
 
-    @Rule(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follows", on))
+    @Command(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follows", on))
     def follow(self, on: bool) -> None:
         """Whether each frame is shown as it is tracked."""
 

@@ -32,7 +32,7 @@ from handtrack_app.engine.jobs import BackgroundJob
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.service import PreviewService
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.protocol.calls import Rule
+from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
     FILES,
     NO_MASKS,
@@ -163,7 +163,7 @@ class MaskService(PreviewService):
 
     # ---- showing
 
-    @Rule(view=True, latest=())
+    @Command(view=True, latest=())
     def want_masks(self, on: bool) -> None:
         """Show masks over all cameras' images or not."""
         self._on_all = on
@@ -199,7 +199,7 @@ class MaskService(PreviewService):
 
     # ---- changing
 
-    @Rule(edits=True, latest=("camera", "values"))
+    @Command(edits=True, latest=("camera", "values"))
     def set_masks(self, camera: str, values: dict[str, object]) -> None:
         """Change where the masks of a camera come from (`method`), settings of the method, or the region of interest (`roi`). camera:
         empty for all that have what it takes.
@@ -267,7 +267,7 @@ class MaskService(PreviewService):
         given = {item.name: needed[item.name] for item in fields(kind) if item.name in needed}
         return {"method": name, **usual_values(kind), **given}
 
-    @Rule(edits=True)
+    @Command(edits=True)
     def mark_mask_box(
         self, camera: str, what: str, box: tuple[int, int, int, int], frame: int
     ) -> None:
@@ -288,18 +288,18 @@ class MaskService(PreviewService):
 
         self._do("Masks: box", edit)
 
-    @Rule(edits=True)
+    @Command(edits=True)
     def restore_masks(self) -> None:
         """Go back to the masks as session.toml has them."""
         back = dict.fromkeys(self.document.unsaved("masks"))
         self._do("Masks of session.toml", lambda: decide(masks=back))
 
-    @Rule(edits=True, files=True)
+    @Command(edits=True, files=True)
     def save_masks(self) -> None:
         """Write where masks come from into session.toml."""
         self._save(saving.save_masks, "Masks' settings saved")
 
-    @Rule(edits=True, files=True)
+    @Command(edits=True, files=True)
     def paint_mask(
         self,
         frame: int,
@@ -329,7 +329,7 @@ class MaskService(PreviewService):
 
         self.opened.change(change, is_stroke=True)
 
-    @Rule(edits=True, files=True)
+    @Command(edits=True, files=True)
     def drop_correction(self, frame: int, camera: str) -> None:
         """Forget what was painted over a camera's mask in a frame."""
 
@@ -354,7 +354,7 @@ class MaskService(PreviewService):
         correction = self.document.in_force(("correction", (camera, own_frame)))
         return correction is not None and not correction.carried
 
-    @Rule(job=True, files=True)
+    @Command(job=True, files=True)
     def carry_masks(self, frame: int, camera: str, before: int, behind: int) -> None:
         """Carry what was painted in a frame on to so many frames before and behind it. camera: empty for all."""
         document, store = self.document, self.store

@@ -33,7 +33,7 @@ from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence, export_beside
 from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.process.child import EnginePlan
-from handtrack_app.protocol.calls import Call, Mailbox, Rule, rules_of
+from handtrack_app.protocol.calls import Call, Command, Mailbox, commands_of
 from handtrack_app.protocol.snapshots import (
     Notice,
     PoseSnapshot,
@@ -98,7 +98,7 @@ class OpenSession:
             self._masks,
         )
         self._commands = {
-            name: getattr(part, name) for part in parts for name in rules_of(type(part))
+            name: getattr(part, name) for part in parts for name in commands_of(type(part))
         }
         self._score = LiveScore(document, publish)
         self._counted, self._told = False, set[str]()
@@ -142,7 +142,7 @@ class OpenSession:
         if call.number:
             self.store.said = (self._page, call.number)
         try:
-            if self._live is not None and call.rule.files:
+            if self._live is not None and call.command.files:
                 raise HandtrackError(KEEPS_NOTHING)
             self.document.version = max(self.document.version, call.arguments.get("version", 0))
             self._commands[call.name](**call.arguments)
@@ -158,7 +158,7 @@ class OpenSession:
         if isinstance(event, FramesRefined) and self._recorder.is_on:
             self._unrecorded[:0] = [result.frame for result in reversed(event.results)]
 
-    @Rule(latest=(), is_ordered=True, at_once=looks_elsewhere)
+    @Command(latest=(), is_ordered=True, at_once=looks_elsewhere)
     def show_frame(self, frame: int, is_played: bool = False) -> None:
         """Show another frame. is_played: it is sent with all its pictures at one time; of a frame that somebody went to, they come
         later.
@@ -168,24 +168,24 @@ class OpenSession:
         self.document.show(frame)
         self.show_pose(is_played)
 
-    @Rule(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=looks_elsewhere)
     def undo(self, version: int) -> None:
         """Take the latest step back: a pose, a setting, limits, filters, a size, a take."""
         self._travel(self.store.undo, "Undone", "Nothing to undo")
 
-    @Rule(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=looks_elsewhere)
     def redo(self, version: int) -> None:
         """Make the step again that was undone last."""
         self._travel(self.store.redo, "Redone", "Nothing to redo")
 
-    @Rule(edits=True)
+    @Command(edits=True)
     def restore_take(self, number: int) -> None:
         """Make a take the current track."""
         again = edits.restored(self.document, number)
         if self._lay(f"Take {number} restored", again):
             self._say("done", f"Take {number} is the track again", "")
 
-    @Rule(edits=True)
+    @Command(edits=True)
     def show_take(self, number: int) -> None:
         """Use the model that a take was tracked with, so that its frames show; the track stays composed as it is."""
         self._lay(f"Model of take {number}", edits.model_of_take(self.document, number))
@@ -200,7 +200,7 @@ class OpenSession:
             self.show_all()
         return changed
 
-    @Rule(view=True, latest=())
+    @Command(view=True, latest=())
     def want_pictures(
         self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...] = ()
     ) -> None:
@@ -210,24 +210,24 @@ class OpenSession:
         self.painter.want(thumbnails, paint, screens)
         self._masks.want_screens(screens)
 
-    @Rule(job=True)
+    @Command(job=True)
     def record(self, on: bool, folder: str | None = None) -> None:
         """Record what the cameras show and what is tracked to a new session folder (None: beside the session's), or end that."""
         if self._live is not None:
             self._live.record(on, folder)
 
-    @Rule(at_once=JobControl.pause)
+    @Command(at_once=JobControl.pause)
     def pause(self, on: bool) -> None:
         """Hold tracking before its next frame, or go on."""
         self.jobs.show_progress()
 
-    @Rule(at_once=JobControl.cancel)
+    @Command(at_once=JobControl.cancel)
     def cancel(self) -> None:
         """Stop tracking now; frames tracked so far stay."""
         self._tuning.cancel()
         self.jobs.leave()  # most jobs report their end themselves
 
-    @Rule(job=True)
+    @Command(job=True)
     def open_rerun(self) -> None:
         """Record for rerun the frames that are tracked, the one shown first, and those that will be; RerunPage says where it is."""
         shown, known = self.document.frame, self.document.results
@@ -245,7 +245,7 @@ class OpenSession:
         if frame in self.document.results:
             self._recorder.show(self.document.run, self.document.results[frame])
 
-    @Rule(edits=True, files=True)
+    @Command(edits=True, files=True)
     def save_pose(self) -> None:
         """Write the pose shown to init.json."""
         self.jobs.see_arm()
@@ -255,19 +255,19 @@ class OpenSession:
         else:
             self._say("done", "First-frame pose saved", saving.save_first_pose(self.store))
 
-    @Rule(edits=True, files=True)
+    @Command(edits=True, files=True)
     def save_track(self) -> None:
         """Write tracks/poses.npz."""
         self._say("done", "Track saved", saving.save_track(self.store))
 
-    @Rule(job=True)
+    @Command(job=True)
     def export(self, kind: str, client_id: int, up: str = "") -> None:
         """Send a file to one client: in a format of `handtrack export --to`, or `init`, the pose that is shown. up: which of the world's
         axes points up, for formats whose readers take one for it; empty: nothing is turned.
         """
         export_beside(self.document, kind, client_id, up, self.publish)
 
-    @Rule(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=looks_elsewhere)
     def take_guess(self, frame: int, index: int, version: int) -> None:
         """Set the pose of a frame to one of the list."""
         taken = self.jobs.guesses.take(frame, index)
@@ -465,7 +465,7 @@ class OpenSession:
             )
 
 
-RULES = rules_of(
+COMMANDS = commands_of(
     OpenSession, JobControl, PosingService, TuningService, ReviewService, CloudService, MaskService
 )
 """what the page can call"""

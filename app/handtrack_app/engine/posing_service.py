@@ -34,7 +34,7 @@ from handtrack_app.engine.inverse_kinematics import reach
 from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.tracked_rows import energy_parts
-from handtrack_app.protocol.calls import Rule
+from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import Hold, Notice, ScoreSnapshot, Snapshot
 
 _SOURCES = {
@@ -65,7 +65,7 @@ class PosingService(Service):
 
     _pull: Pull | None = None
 
-    @Rule(edits=True, latest=("frame", "tag"), at_once=drags)
+    @Command(edits=True, latest=("frame", "tag"), at_once=drags)
     def set_pose(
         self,
         frame: int,
@@ -84,7 +84,7 @@ class PosingService(Service):
         if version >= self.document.version:
             self.opened.edit(frame, pose(self.document, frame, values), words, tag, is_stroke)
 
-    @Rule(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=looks_elsewhere)
     def take_pose(self, frame: int, source: str, version: int) -> None:
         """Set a frame's pose by hand to the one that shows there (`shown`: a keyframe), to `start` (the first-frame pose), `previous`
         (the frame before), or a pose of the library, for the fingers.
@@ -105,7 +105,7 @@ class PosingService(Service):
         edit = pose(document, frame, taken.tolist())
         self.opened.edit(frame, edit, _SOURCES.get(source, f"Pose {source!r}"))
 
-    @Rule(
+    @Command(
         edits=True,
         latest=("frame", "hold", "tag"),
         at_once=drags,
@@ -127,14 +127,14 @@ class PosingService(Service):
         edit = pose(document, frame, reached.tolist())
         self.opened.edit(frame, edit, f"Pull of {hold.words}", tag, True)
 
-    @Rule(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=looks_elsewhere)
     def forget_pose(self, frame: int, version: int) -> None:
         """Drop what was set by hand at a frame; the tracked pose shows again."""
         known = self.document.clamped(frame) in self.document.by_hand
         forgotten = decide(pose={frame: None}) if known else NOTHING
         self.opened.edit(frame, forgotten, "Pose dropped")
 
-    @Rule(at_once=looks_elsewhere)
+    @Command(at_once=looks_elsewhere)
     def look_before(self, on: bool) -> None:
         """Show the frame's pose as it was before the last step that changed it, or as it is; a look, no edit."""
         document = self.document
@@ -144,7 +144,7 @@ class PosingService(Service):
         document.before = before
         self.opened.show_pose()
 
-    @Rule(
+    @Command(
         edits=True,
         latest=("frame", "camera", "tag"),
         at_once=drags,
@@ -177,7 +177,7 @@ class PosingService(Service):
         edit = self._led(self._pull, (*others, pin), by_images)
         self.opened.edit(frame, edit, f"Pin of {hold.words} in {camera}", tag, True)
 
-    @Rule(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=looks_elsewhere)
     def drop_pins(
         self, frame: int, which: int | None, version: int, by_images: bool = True
     ) -> None:

@@ -18,7 +18,7 @@ from handtrack_app.engine.document_snapshots import pose_snapshot, timeline_snap
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
-from handtrack_app.protocol.calls import Rule
+from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
     CloseSnapshot,
     Curve,
@@ -33,7 +33,7 @@ class ReviewService(Service):
     names: tuple[str, ...] = ()
     """of the parameters whose course is shown"""
 
-    @Rule(edits=True)
+    @Command(edits=True)
     def accept(self, spans: tuple[tuple[int, int], ...], on: bool = True) -> None:
         """Accept frames, spans of first to last, as they are: neither tracking nor refining changes them; or let them go."""
         frames = {f for first, last in spans for f in range(first, last + 1)}
@@ -43,7 +43,7 @@ class ReviewService(Service):
             self.publish(pose_snapshot(self.document))
             self.opened.announce(timeline_snapshot(self.document))
 
-    @Rule(edits=True)
+    @Command(edits=True)
     def correct_cameras(self, cameras: tuple[str, ...], on: bool = True) -> None:
         """Use cameras as the estimate of the whole recording found them, from now on; or as they were calibrated."""
         self.jobs.require_idle()
@@ -73,7 +73,7 @@ class ReviewService(Service):
         again = f"{done}. Frames tracked so far stay; track again to use it."
         self.publish(Notice("done", f"Camera{named}", again))
 
-    @Rule(view=True, latest=())
+    @Command(view=True, latest=())
     def want_close(self, frames: tuple[int, ...]) -> None:
         """Show small pictures of these frames, where they are tracked."""
         document = self.document
@@ -85,7 +85,7 @@ class ReviewService(Service):
             ),
         )
 
-    @Rule(view=True, latest=())
+    @Command(view=True, latest=())
     def want_curves(self, names: tuple[str, ...]) -> None:
         """Show the course of these joint parameters over the recording."""
         self.names = names

@@ -16,7 +16,7 @@ from handtrack.tracking.pulling import fitted_again
 from handtrack_app.engine.posing_service import set_pose
 from handtrack_app.engine.service import NewestFirst, Service
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.protocol.calls import Rule
+from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import Notice
 
 if TYPE_CHECKING:
@@ -47,17 +47,17 @@ class TuningService(Service):
         self._fitting = NewestFirst[Callable[[], None]](opened.post, "refitting")
         self._fitting.start()
 
-    @Rule(edits=True, files=True)
+    @Command(edits=True, files=True)
     def save_settings(self) -> None:
         """Write the settings that session.toml does not have into it."""
         self._save(saving.save_settings, "Settings saved")
 
-    @Rule(view=True)
+    @Command(view=True)
     def refit_while_tuning(self, on: bool) -> None:
         """Whether a changed setting or limit fits the frame shown anew at once."""
         self._refits = on
 
-    @Rule(edits=True, latest=("name",))
+    @Command(edits=True, latest=("name",))
     def set_setting(self, name: str, value: object, tag: str = "") -> None:
         """Change a setting by its dotted name. tag: several settings changed at one time have one."""
         document = self.document
@@ -69,7 +69,7 @@ class TuningService(Service):
             edits.is_slid(value),
         )
 
-    @Rule(edits=True, latest=("name",))
+    @Command(edits=True, latest=("name",))
     def set_limits(self, name: str, interval: tuple[float, float] | None, tag: str = "") -> None:
         """Change the interval of a joint parameter [m, rad]; None restores the model's own."""
         self._change(
@@ -78,7 +78,7 @@ class TuningService(Service):
             interval is not None,
         )
 
-    @Rule(edits=True, latest=("name",))
+    @Command(edits=True, latest=("name",))
     def set_shape(self, name: str, value: float, tag: str = "") -> None:
         """Set a number of the person's shape [% or mm, as `ShapeNumber` has it]."""
         self._change(lambda: edits.shape(self.document, name, value), tag or "Shape", True)

@@ -22,7 +22,7 @@ from handtrack_app.engine.pictures.camera_pictures import Painter
 from handtrack_app.engine.posing_service import pose
 from handtrack_app.engine.service import RenderThread
 from handtrack_app.process.child import EnginePlan
-from handtrack_app.protocol.calls import Call, Mailbox, Rule, rules_of
+from handtrack_app.protocol.calls import Call, Command, Mailbox, commands_of
 from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Snapshot
 from handtrack_app.rerun.recorder import LiveRecorder
 
@@ -39,21 +39,21 @@ class Preview:
         publish(session_snapshot(document))
         publish(timeline_snapshot(document))
 
-    @Rule()
+    @Command()
     def show_frame(self, frame: int, is_played: bool = False) -> None:
         """Show a frame."""
         self.document.show(frame)
         self._publish(pose_snapshot(self.document))
         self.painter.is_stale = True
 
-    @Rule()
+    @Command()
     def set_pose(self, frame: int, values: tuple[float, ...], version: int, **_: object) -> None:
         """Show a pose that is set by hand; the open session sets it."""
         self.document.apply(pose(self.document, frame, values))
         self.document.version = version
         self.show_frame(frame)
 
-    @Rule()
+    @Command()
     def want_pictures(
         self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...] = ()
     ) -> None:
@@ -106,8 +106,8 @@ class Worker:
 
     def send(self, call: Call) -> None:
         """Take a call; returns at once. Stopping and pausing act before the call's turn."""
-        if self.session is not None and call.rule.at_once is not None:
-            call.rule.at_once(self.session.jobs, **call.arguments)
+        if self.session is not None and call.command.at_once is not None:
+            call.command.at_once(self.session.jobs, **call.arguments)
         self._mail.put(call)
 
     def stop(self, timeout: float = 5.0) -> None:
@@ -179,7 +179,7 @@ class Worker:
         elif self._preview is None and call.is_kept and call.name != "show_frame":
             raise HandtrackError("No session is open yet.")
         elif call.name != "cancel":
-            if self._preview is not None and call.name in rules_of(Preview):
+            if self._preview is not None and call.name in commands_of(Preview):
                 getattr(self._preview, call.name)(**call.arguments)
             self._later.append(call)
 

@@ -147,7 +147,7 @@ def _group_limits() -> Iterator[int]:
 
 
 # ---- The engine's own process. By its pipe come first the plan, then calls (name, arguments, number), at last how long each of its
-# threads has to end [s]; out go first the rules of its commands (a dict), then snapshots, at last what is to be said (a list)
+# threads has to end [s]; out go first its commands (a dict), then snapshots, at last what is to be said (a list)
 
 
 _ALONE_S = 15.0  # for each thread to end when nobody says how long: a recording of running cameras is completed
@@ -231,7 +231,7 @@ def serve(pipe: Connection, log: Path) -> None:
 
 
 def _serve(pipe: Connection) -> None:
-    from handtrack_app.engine.open_session import RULES  # seconds, if all is compiled
+    from handtrack_app.engine.open_session import COMMANDS  # seconds, if all is compiled
     from handtrack_app.engine.worker import Worker
     from handtrack_app.protocol.calls import Call, portable
     from handtrack_app.protocol.snapshots import Opened
@@ -249,7 +249,7 @@ def _serve(pipe: Connection) -> None:
         except MemoryError:  # the next one may be smaller
             logging.getLogger(__name__).exception("could not send %s", type(message).__name__)
 
-    publish(portable(RULES))
+    publish(portable(COMMANDS))
     plan = pipe.recv()
     assert isinstance(plan, EnginePlan)
     limit_memory(plan.memory)
@@ -261,7 +261,7 @@ def _serve(pipe: Connection) -> None:
         with suppress(EOFError, OSError, pickle.UnpicklingError):
             while isinstance(message := pipe.recv(), tuple):
                 name, arguments, number = message
-                engine.send(Call(name, arguments, RULES[name], number))
+                engine.send(Call(name, arguments, COMMANDS[name], number))
             waits[0] = message
         asked.set()
 

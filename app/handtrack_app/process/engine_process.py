@@ -15,7 +15,7 @@ from uuid import uuid4
 from handtrack.errors import HandtrackError
 from handtrack_app.log import ENGINE_LOG
 from handtrack_app.process.child import GB, EngineChild, EnginePlan
-from handtrack_app.protocol.calls import Call, Caller, Engine, Rules
+from handtrack_app.protocol.calls import Call, Caller, Commands, Engine
 from handtrack_app.protocol.snapshots import (
     LiveSnapshot,
     Notice,
@@ -269,7 +269,7 @@ class Outbox:
     """what the engine is at, while a job runs"""
     recording: str = ""
     """the folder that running cameras are recorded to"""
-    rules: Rules = field(default_factory=dict)
+    commands: Commands = field(default_factory=dict)
     """the engine's commands; empty until it has told them"""
     is_down: bool = False
     """the engine stays ended"""
@@ -277,7 +277,7 @@ class Outbox:
     _number: int = 0
     _is_listening: bool = False
     _early: list[tuple[str, tuple[Any, ...], Mapping[str, Any]]] = field(default_factory=list)
-    """calls made before the rules were known"""
+    """calls made before the commands were known"""
     _kept: list[_Entry] = field(default_factory=list)
     _views: dict[str, Call] = field(default_factory=dict)
     _frame: int | None = None
@@ -294,14 +294,14 @@ class Outbox:
         are kept. Raises TypeError for what the engine does not have.
         """
         with self._changed:
-            if not self.rules:
+            if not self.commands:
                 self._early.append((name, given, named))
                 return None
-            call = Call.of(self.rules, name, given, named)
-            if call.rule.view:
+            call = Call.of(self.commands, name, given, named)
+            if call.command.view:
                 self._views[name] = call
-            if self.is_down and not call.rule.edits:
-                return call if call.rule.job else None
+            if self.is_down and not call.command.edits:
+                return call if call.command.job else None
             if not call.is_kept:
                 if self._is_listening:
                     self.send(call)
@@ -332,10 +332,10 @@ class Outbox:
 
     # ---- to the engine
 
-    def know(self, rules: Rules) -> None:
+    def know(self, commands: Commands) -> None:
         """The engine tells its commands."""
         with self._changed:
-            self.rules, early = rules, self._early
+            self.commands, early = commands, self._early
             self._early = []
         for name, given, named in early:
             self.put(name, given, named)
@@ -348,7 +348,7 @@ class Outbox:
             for view in self._views.values():
                 self.send(view)
             if is_anew and frame is not None:
-                self.send(Call.of(self.rules, "show_frame", (frame,), {}))
+                self.send(Call.of(self.commands, "show_frame", (frame,), {}))
             self._send_waiting()
 
     def _send_waiting(self) -> None:
@@ -373,8 +373,8 @@ class Outbox:
         with self._changed:
             self.version, self._is_listening = self._newest, False
             sent = [entry for entry in self._kept if entry.is_sent]
-            given_up = [entry for entry in sent if entry.call.rule.job]
-            again = [entry for entry in sent if not entry.call.rule.job]
+            given_up = [entry for entry in sent if entry.call.command.job]
+            again = [entry for entry in sent if not entry.call.command.job]
             for entry in [e for e in again if e.is_repeated and not e.is_done][:1]:
                 entry.ends += 1
                 if entry.ends >= _MOST_ENDS:
@@ -436,7 +436,7 @@ class Outbox:
 
     @property
     def _edits(self) -> list[Call]:
-        return [entry.call for entry in self._kept if entry.call.rule.edits]
+        return [entry.call for entry in self._kept if entry.call.command.edits]
 
     @property
     def edits(self) -> list[Call]:

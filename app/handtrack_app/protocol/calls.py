@@ -1,4 +1,4 @@
-"""Calls of the page to the engine: methods that the engine marks with a `Rule` are all that the page can call.
+"""Calls of the page to the engine: methods that the engine marks as a `Command` are all that the page can call.
 
 A call is the method's name and its arguments, picklable. What is shown comes back as snapshots.
 """
@@ -16,7 +16,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
-class Rule:
+class Command:
     """Marks a method that the page may call: how its calls are treated before it runs."""
 
     latest: tuple[str, ...] | None = None
@@ -39,26 +39,26 @@ class Rule:
     def __call__(self, method: Method) -> Method:
         whole = inspect.signature(method)
         signature = whole.replace(parameters=[*whole.parameters.values()][1:])
-        method.rule = replace(self, signature=signature)  # type: ignore[attr-defined]
+        method.command = replace(self, signature=signature)  # type: ignore[attr-defined]
         return method
 
 
-Rules = Mapping[str, Rule]
+Commands = Mapping[str, Command]
 
 
-def rules_of(*classes: type) -> dict[str, Rule]:
-    """Return the rules of all marked methods by name."""
+def commands_of(*classes: type) -> dict[str, Command]:
+    """Return all marked methods' commands by name."""
     return {
-        name: rule
+        name: command
         for cls in classes
         for name in dir(cls)
-        if (rule := getattr(getattr(cls, name), "rule", None)) is not None
+        if (command := getattr(getattr(cls, name), "command", None)) is not None
     }
 
 
-def portable(rules: Rules) -> dict[str, Rule]:
-    """Return rules without what only the engine needs, to be sent to the page."""
-    return {name: replace(rule, at_once=None) for name, rule in rules.items()}
+def portable(commands: Commands) -> dict[str, Command]:
+    """Return commands without what only the engine needs, to be sent to the page."""
+    return {name: replace(one, at_once=None) for name, one in commands.items()}
 
 
 @dataclass(frozen=True)
@@ -67,29 +67,31 @@ class Call:
 
     name: str
     arguments: Mapping[str, Any]
-    rule: Rule = field(compare=False, repr=False)
+    command: Command = field(compare=False, repr=False)
     number: int = 0
     """counts a page's calls from 1; the engine reports up to which all is on disk (`WorkSnapshot.written`)"""
 
     @classmethod
-    def of(cls, rules: Rules, name: str, given: tuple[Any, ...], named: Mapping[str, Any]) -> Call:
+    def of(
+        cls, commands: Commands, name: str, given: tuple[Any, ...], named: Mapping[str, Any]
+    ) -> Call:
         """Return a call. Raises TypeError for a name or argument that the engine does not have."""
-        if name not in rules:
+        if name not in commands:
             raise TypeError(f"the engine has no command {name}.")
-        return cls(name, rules[name].signature.bind(*given, **named).arguments, rules[name])
+        return cls(name, commands[name].signature.bind(*given, **named).arguments, commands[name])
 
     @property
     def key(self) -> Hashable | None:
         """What it has in common with the waiting calls that it replaces; None: it replaces none."""
-        if self.rule.latest is None:
+        if self.command.latest is None:
             return None
-        values = (self.arguments.get(name) for name in self.rule.latest)
+        values = (self.arguments.get(name) for name in self.command.latest)
         return self.name, *(tuple(v) if isinstance(v, Mapping) else v for v in values)
 
     @property
     def is_kept(self) -> bool:
         """Whether the page keeps it until the engine has done it."""
-        return self.rule.edits or self.rule.job or self.rule.is_ordered
+        return self.command.edits or self.command.job or self.command.is_ordered
 
     @property
     def is_step(self) -> bool:
@@ -105,8 +107,8 @@ class Call:
         elif given.get("frame") is not None:
             spans = [(given["frame"], given["frame"])]
         about = [str(given[one]) for one in ("name", "camera", "number") if given.get(one)]
-        command = " ".join([self.name.replace("_", " "), *about])
-        return f"{command}, {_frames(spans)}" if spans else command
+        words = " ".join([self.name.replace("_", " "), *about])
+        return f"{words}, {_frames(spans)}" if spans else words
 
 
 def _frames(spans: Iterable[tuple[int, int]]) -> str:

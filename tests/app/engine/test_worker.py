@@ -13,7 +13,7 @@ from handtrack.session.session_state import key_of
 from handtrack.store.store import Store
 from handtrack.tracking.frame.reason import Reason
 from handtrack_app.engine import open_session
-from handtrack_app.engine.open_session import RULES
+from handtrack_app.engine.open_session import COMMANDS
 from handtrack_app.engine.store import persistence
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Call, Mailbox
@@ -24,7 +24,7 @@ from tests.app.waiting import eventually
 
 def test_newest_pose_and_frame_win_and_nothing_else_is_dropped():
     box = Mailbox(lambda c: c.key)
-    put = lambda name, *given: box.put(Call.of(RULES, name, given, {}))  # noqa: E731
+    put = lambda name, *given: box.put(Call.of(COMMANDS, name, given, {}))  # noqa: E731
     for version in range(5):
         for tag in ("index", "ring"):  # moved by another slider it is another step
             put("set_pose", 0, (), version, tag)

@@ -1,6 +1,6 @@
 """What the page keeps until it is on disk, and repeats to the next engine."""
 
-from handtrack_app.engine.open_session import RULES
+from handtrack_app.engine.open_session import COMMANDS
 from handtrack_app.process.engine_process import Outbox, named
 from handtrack_app.protocol.snapshots import Hold, WorkSnapshot
 
@@ -10,7 +10,7 @@ class Pipe:
 
     def __init__(self, is_listening=True):
         self.sent = []
-        self.outbox = Outbox(self.sent.append, rules=RULES)
+        self.outbox = Outbox(self.sent.append, commands=COMMANDS)
         if is_listening:
             self.outbox.listen(is_anew=False)
 

@@ -39,7 +39,7 @@ from handtrack_app.engine.pictures.camera_pictures import (
 )
 from handtrack_app.engine.service import PreviewService
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.protocol.calls import Rule
+from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
     CloudPicture,
     CloudSelection,
@@ -174,10 +174,8 @@ class CloudRenderer:
         filters, measured = session.cloud_filters, session.measured_cloud(moment.frame)
         if measured is None:
             return None, np.zeros(0, np.int8), ()
-        crop, near = (
-            None,
-            b"",
-        )  # which points are: the same ones, wherever the hand moves among them
+        crop, near = None, b""
+        # which points are near: the same ones, wherever the hand moves among them
         if moment.previous is not None and filters.crop_m is not None:
             crop = hand_distance(moment.run.model, moment.previous)
             near = near_hand(measured.points, crop, filters.crop_m).tobytes()
@@ -239,13 +237,13 @@ class CloudService(PreviewService):
 
     # ---- showing
 
-    @Rule(view=True, latest=())
+    @Command(view=True, latest=())
     def want_surface(self, on: bool) -> None:
         """Show the solver's surface or not."""
         self._surface = on
         self.show()
 
-    @Rule(view=True, latest=())
+    @Command(view=True, latest=())
     def want_cloud(self, view: CloudSelection) -> None:
         """Show this of clouds from now on."""
         self._wanted = view
@@ -288,14 +286,14 @@ class CloudService(PreviewService):
 
     # ---- settings
 
-    @Rule(edits=True, latest=("values",))
+    @Command(edits=True, latest=("values",))
     def set_clouds(self, values: dict[str, object]) -> None:
         """Change settings of [clouds] by name; None: as it is usual, False: off."""
         names, slid = ", ".join(values), edits.is_slid(*values.values())
         now = self.document.clouds or CloudSettings()
         self._do(f"Clouds: {names}", lambda: edits.clouds(now.with_values(values)), names, slid)
 
-    @Rule(edits=True, latest=())
+    @Command(edits=True, latest=())
     def sample_skin(
         self, frame: int, camera: str, box: tuple[int, int, int, int] | None, size: float
     ) -> None:
@@ -308,12 +306,12 @@ class CloudService(PreviewService):
 
         self.opened.change(change)
 
-    @Rule(edits=True)
+    @Command(edits=True)
     def restore_clouds(self) -> None:
         """Go back to the settings of [clouds] as session.toml has them."""
         self._do("Filters of session.toml", lambda: decide(clouds=None))
 
-    @Rule(edits=True, files=True)
+    @Command(edits=True, files=True)
     def save_clouds(self) -> None:
         """Write the settings of [clouds] into session.toml."""
         self._save(saving.save_clouds, "Clouds' settings saved")
