@@ -308,10 +308,8 @@ def run_workbench(
         failure = bench.worker.wait_opened(None)
         if failure is not None:
             raise failure
-        while not bench.left.wait(
-            0.5
-        ):  # another thread may get the signal, which wakes no waiting main one
-            pass
+        while not bench.left.wait(0.5):
+            pass  # waiting without end lost the first Ctrl-C in some runs (Python 3.11 on Linux)
         return bench.door
     except KeyboardInterrupt:
         return None

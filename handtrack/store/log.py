@@ -117,10 +117,8 @@ class LogWriter:
                 if durable:
                     os.fsync(handle)
             except OSError as error:
-                with suppress(
-                    OSError
-                ):  # tried again before the next record: till then it looks like a torn end
-                    self._cut()
+                with suppress(OSError):
+                    self._cut()  # tried again before the next record: till then it looks like a torn end
                 raise self._failed(error) from None
             self._torn, begin = False, self._end
             self._seq, self._end = self._seq + 1, begin + len(block)

@@ -340,7 +340,8 @@ class Document:
             self.see_frames()
         if changed["spans"]:
             self._lay()
-        self.marked = marked_frames(state)
+        if any(changed[kind] for kind in self.marked):
+            self.marked = marked_frames(state)
         for frame in changed["pose"]:
             self._derive_pose(frame)
         for (place, content), own_frame in corrections:

@@ -74,7 +74,11 @@ class Help:
     def welcome(self, client: viser.ClientHandle) -> None:
         """Offer the tour to a page whose browser knows of none."""
         if self.offers_tour:
-            remembered(client, _KEPT_AS, lambda kept: self.tour(client) if kept is None else None)
+            remembered(client, _KEPT_AS, lambda kept: self._offer(client) if kept is None else None)
+
+    def _offer(self, client: viser.ClientHandle) -> None:
+        if client.client_id in self.page.server.get_clients():  # it may have left meanwhile
+            self.tour(client)
 
     def show(self, client: viser.ClientHandle) -> None:
         """Show all keys."""

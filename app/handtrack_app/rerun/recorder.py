@@ -18,7 +18,6 @@ import numpy as np
 from handtrack.arrays import D3, Array, Floats, N, P
 from handtrack.diagnostics.residual_image import predicted_image, residual_image
 from handtrack.diagnostics.residual_points import dots, image_residuals, space_residuals
-from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.session.formats.truth import mean_error_mm
@@ -150,7 +149,7 @@ class ResidualRecorder:
             painter = _Painter(run, result.frame, params, self._before(run, result.frame))
         else:
             self.without_pictures += 1
-        self._stream.log(result, _named(model, result.parameters), _error_mm(run, result))
+        self._stream.log(result, model.named(result.parameters), _error_mm(run, result))
         if painter is not None:
             self._stream.log_pictures(painter.pictures(painter.params), painter.overlap())
             log_space(self._stream.recording, model, *painter.space())
@@ -176,7 +175,7 @@ class ResidualRecorder:
         (run, result, steps), painter = self._watched
         model = run.model
         for count, (params, cost) in enumerate(steps, start=1):
-            named = _named(model, model.joint_params(params))
+            named = model.named(model.joint_params(params))
             self._stream.log_iteration(result.frame, count, cost, named, painter.pictures(params))
 
 
@@ -286,10 +285,6 @@ def _within(spans: Array, width: int) -> Array:
     """Return (H, W) True within the spans (H, 2) of each row."""
     columns = np.arange(width)
     return (columns >= spans[:, :1]) & (columns < spans[:, 1:])
-
-
-def _named(model: ArticulatedModel, values: Floats) -> dict[str, float]:
-    return model.named(values)
 
 
 class LiveRecorder:

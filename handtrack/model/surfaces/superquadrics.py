@@ -154,8 +154,7 @@ def grid_faces(around: int, along: int) -> Ints[T, D3]:
     )
     low, high = rows[:-1], rows[1:]
     low_after, high_after = (np.roll(ends, -1, axis=1) for ends in (low, high))
-    wide_below = np.stack([low, low_after, high_after], axis=-1)[
-        1:
-    ]  # at an end, both of one are the same
+    # where a row is an end, its corners are one and such a triangle would be none
+    wide_below = np.stack([low, low_after, high_after], axis=-1)[1:]
     wide_above = np.stack([low, high_after, high], axis=-1)[:-1]
     return np.concatenate([wide_below.reshape(-1, 3), wide_above.reshape(-1, 3)])

@@ -374,16 +374,8 @@ class Persistence:
         writer = None if store is None else store.begin(about)
         number = document.takes.next_number if writer is None else writer.take.number
         document.takes.put(number, shelf)
-        self._take = OpenTake(
-            number,
-            frames,
-            first,
-            shelf,
-            writer,
-            {},
-            "Refining" if is_refined else "Tracking",
-            scale,
-        )
+        what = "Refining" if is_refined else "Tracking"
+        self._take = OpenTake(number, frames, first, shelf, writer, what=what, scale=scale)
 
     def add(self, result: FrameResult) -> None:
         """Keep a tracked frame, whatever happens to this program; half a second later at most it is on disk."""
