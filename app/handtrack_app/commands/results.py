@@ -88,8 +88,7 @@ def session_of(poses: Path) -> Path | None:
     return folder if (folder / SESSION_FILE).is_file() else None
 
 
-# ---- `handtrack takes`: what was tracked of a session, one take after another; compared, made current again,
-# removed
+# ---- `handtrack takes`
 
 
 _PROGRAM = "handtrack takes"

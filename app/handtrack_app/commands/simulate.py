@@ -166,8 +166,7 @@ def retarget(args: argparse.Namespace) -> int:
     return 0
 
 
-# ---- The motion file that a command is given, on a model: what was told of names, unit and size, and what was
-# assumed, said
+# ---- The motion file that a command is given
 
 
 Posed = Callable[[ArticulatedModel], Floats[F, P] | None]

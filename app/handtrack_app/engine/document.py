@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, fields, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -130,15 +130,7 @@ class TakeShelf:
         return None
 
 
-# ---- What is open in the workbench: a tracking run, what was decided, poses set by hand, results. No threads, no
-# viser
-
-
-_COMPARED = 20  # tracked frames by which cameras are compared; lost ones among them do not count
-
-
-# ---- What the session's state says of masks: each camera's method and box, and the corrections of its frames.
-# Changes nothing
+# ---- What the session's state says of masks
 
 
 def source_of(choice: MaskChoice) -> MaskSource:
@@ -172,7 +164,7 @@ def correction_of(
     return view.corrections, correction.png
 
 
-# ---- What the session's state says of pins, frame by frame. Changes nothing
+# ---- What the session's state says of pins
 
 
 _SAME_PX = 0.01
@@ -204,10 +196,10 @@ def _same(one: tuple[Pin, ...], other: tuple[Pin, ...]) -> bool:
     )
 
 
-# ---- What is open in the workbench: a tracking run, what was decided, poses set by hand, results. No threads, no
-# viser
+# ---- The document
 
 
+_COMPARED = 20  # tracked frames by which cameras are compared; lost ones among them do not count
 _UNDECIDED = DecidedPose({})
 
 
@@ -217,6 +209,24 @@ def renamed(
     """Return joint parameters of another model by name; those that are not known are `others`."""
     known: dict[str, float] = dict(zip(names, values.tolist(), strict=True))
     return np.array([known.get(name, other) for name, other in zip(new_names, others, strict=True)])
+
+
+FileKind = Literal["setting", "clouds", "masks"]
+
+
+@dataclass(frozen=True)
+class FileSettings:
+    """What session.toml can say of what is decided in the workbench."""
+
+    setting: dict[str, Any]
+    """by name"""
+    clouds: CloudSettings | None
+    masks: Mapping[str, MaskChoice]
+    """by camera"""
+
+    def table(self, kind: FileKind) -> Mapping[str, Any]:
+        """Return the values of a kind by their names."""
+        return (self.clouds or CloudSettings()).table if kind == "clouds" else getattr(self, kind)
 
 
 class Document:
@@ -355,7 +365,7 @@ class Document:
 
     def _run_with(self, changed: Mapping[str, Mapping[Any, Any]]) -> TrackingRun:
         """Return the run with what is another in force, by kind and entry."""
-        run, own = self.run, self.saved["setting"]
+        run, own = self.run, self.saved.setting
         for arm_m in changed["forearm"].values():
             wanted = self._own_arm_m if arm_m is None else arm_m
             run = run if run.arm_m == wanted else run.with_forearm(wanted)
@@ -384,7 +394,7 @@ class Document:
         return run
 
     def _masks_of(self, camera: str, source: MaskSource | None) -> MaskChoice:
-        saved = self.saved["masks"]
+        saved = self.saved.masks
         if camera not in saved:
             raise unknown_name("camera", camera, tuple(saved))
         return saved[camera] if source is None else choice_from(source, camera)
@@ -398,7 +408,7 @@ class Document:
 
     def _clouds_of(self, clouds: CloudTable | None) -> CloudSettings | None:
         if clouds is None:
-            return self.saved["clouds"]
+            return self.saved.clouds
         cameras, table = self.run.session.file.cameras, clouds.table
         return None if table is None else read_clouds(table, cameras, "[clouds]")
 
@@ -609,16 +619,11 @@ class Document:
         return {view.name: (view.settings.masks, view.settings.roi) for view in views}
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """What holds of each kind of decision that can be saved in session.toml: settings by their names, those of [clouds], masks
-        by camera.
-        """
-        settings = dict(self.run.settings.flat())
-        return {"setting": settings, "clouds": self.clouds, "masks": self.masks}
+    def settings(self) -> FileSettings:
+        """What holds of all that can be saved in session.toml."""
+        return FileSettings(dict(self.run.settings.flat()), self.clouds, self.masks)
 
-    def unsaved(self, kind: str) -> tuple[str, ...]:
+    def unsaved(self, kind: FileKind) -> tuple[str, ...]:
         """Return the names of what is another than in session.toml: settings, those of [clouds], or cameras whose masks are."""
-        now, saved = self.settings[kind], self.saved[kind]
-        if kind == "clouds":
-            now, saved = ((one or CloudSettings()).table for one in (now, saved))
+        now, saved = self.settings.table(kind), self.saved.table(kind)
         return tuple(name for name in {**saved, **now} if now.get(name) != saved.get(name))

@@ -73,7 +73,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         ellipsoid_bone=flesh.bone,
         radii=flesh.radii,
         settings=dict(document.run.settings.flat()),
-        own_settings=document.saved["setting"],
+        own_settings=document.saved.setting,
         has_truth=session.truth is not None,
         joint_names=model.joint_names,
         stem_bones=stem_bones(model),
@@ -145,7 +145,7 @@ def mask_card(document: Document) -> MaskCard:
 
 def possible_masks(document: Document, view: View) -> tuple[str, ...]:
     """Return the mask methods that a camera has what it takes for; files where session.toml names some."""
-    settings, saved = view.settings, document.saved["masks"][view.name][0]
+    settings, saved = view.settings, document.saved.masks[view.name][0]
     found = [n for n, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
     if settings.keypoints is None:
         found = [name for name in found if name != "seeded"]

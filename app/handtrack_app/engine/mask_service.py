@@ -244,7 +244,7 @@ class MaskService(PreviewService):
 
     def _begun(self, view: View, name: str) -> str | dict[str, object] | None:
         """Return a method as it begins: as session.toml has it, else as it is usual. Raises HandtrackError where it cannot be."""
-        saved = self.document.saved["masks"][view.name][0]
+        saved = self.document.saved.masks[view.name][0]
         if name == NO_MASKS:
             return None
         if name == FILES:

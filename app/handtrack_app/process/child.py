@@ -67,8 +67,7 @@ class LiveOptions:
     """how many times faster than their pace video files are played, to measure by"""
 
 
-# ---- How much memory the engine's process may use: a limit of its own, below the one at which the system ends
-# programs
+# ---- How much memory the engine's process may use
 
 
 GB = 10**9

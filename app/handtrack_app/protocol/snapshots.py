@@ -113,8 +113,7 @@ class CloseSnapshot:
     pictures: dict[int, Bytes[H, W, D3]]
 
 
-# ---- The timeline as the engine tells it: the whole recording at a glance, and what is new of it while tracking
-# goes on
+# ---- The timeline: the whole recording, and what is new of it
 
 
 COST, ERROR, PROBABILITY, VIEWS, MOVED = "cost", "error mm", "probably off", "views", "changed mm"

@@ -19,7 +19,7 @@ from tests.app.waiting import eventually
 
 def test_the_command_line_is_told_no_more_than_it_needs(tmp_path):
     store = opened(tmp_path)
-    document, own = store.document, store.document.saved["setting"]
+    document, own = store.document, store.document.saved.setting
     for name, value in (("keypoints.weight", 0.0), ("edges.sigma_px", 3.0)):
         did(store, decide(setting={name: value}))
     did(store, edits.method(document, "paper2004"))  # which sets one of them to what it is then

@@ -139,8 +139,7 @@ def _asked(found: Unit, where: str, yes: bool, what: str) -> float:
     )
 
 
-# ---- The model that a new session tracks: as the user says, or the usual one of what is tracked; and a body's
-# settings
+# ---- The model of a new session, and a body's settings
 
 
 USUAL_MODELS = {HAND: "hand26", BODY: "body34"}
@@ -228,8 +227,7 @@ def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
     return answer
 
 
-# ---- A project of another program as `handtrack new --project` takes it: what the user names goes before what is
-# found
+# ---- A project of another program (`handtrack new --project`)
 
 
 def with_project(args: argparse.Namespace) -> Pose2SimProject | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.errors import HandtrackError
@@ -15,7 +16,7 @@ from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_FILE
 from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes.take_recorder import file_digest
-from handtrack_app.engine.document import usual_values
+from handtrack_app.engine.document import FileKind, usual_values
 from handtrack_app.engine.store.persistence import Persistence, whole_track
 
 _SETTINGS = "a session's settings"
@@ -57,7 +58,7 @@ def _keep_hand_size(store: Persistence) -> str:
 
 def save_settings(store: Persistence) -> str:
     """Write the settings that were changed into session.toml; return a sentence about it."""
-    return _save_table(store, "setting", "tracking", store.document.settings["setting"])
+    return _save_table(store, "setting", "tracking", store.document.settings.setting)
 
 
 def save_clouds(store: Persistence) -> str:
@@ -68,7 +69,9 @@ def save_clouds(store: Persistence) -> str:
     return _save_table(store, "clouds", "clouds", clouds.table)
 
 
-def _save_table(store: Persistence, kind: str, table: str, values: Mapping[str, object]) -> str:
+def _save_table(
+    store: Persistence, kind: FileKind, table: str, values: Mapping[str, object]
+) -> str:
     changed = store.document.unsaved(kind)
     changes = {f"{table}.{name}": values.get(name) for name in changed}
     return _save(store, kind, changes, f"[{table}] of session.toml: {', '.join(changed)}.")
@@ -77,7 +80,7 @@ def _save_table(store: Persistence, kind: str, table: str, values: Mapping[str, 
 def save_masks(store: Persistence) -> str:
     """Write where masks come from into session.toml; return a sentence about it."""
     document, changes = store.document, dict[str, object]()
-    now, saved, unsaved = document.masks, document.saved["masks"], document.unsaved("masks")
+    now, saved, unsaved = document.masks, document.saved.masks, document.unsaved("masks")
     for number, camera in enumerate(document.run.session.file.cameras):
         if (name := camera.name) in unsaved:
             changes |= _mask_changes(f"camera.{number}", now[name], saved[name])
@@ -85,7 +88,7 @@ def save_masks(store: Persistence) -> str:
     return _save(store, "masks", changes, f"Masks of {', '.join(unsaved)} in session.toml.")
 
 
-def _save(store: Persistence, kind: str, changes: Mapping[str, object], said: str) -> str:
+def _save(store: Persistence, kind: FileKind, changes: Mapping[str, object], said: str) -> str:
     """Write what was changed of a kind into session.toml, which says it from now on; return said, and a sentence about the file
     before.
     """
@@ -93,7 +96,7 @@ def _save(store: Persistence, kind: str, changes: Mapping[str, object], said: st
     if not changes:
         return "session.toml has these settings already."
     kept, document = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS), store.document
-    document.saved[kind] = document.settings[kind]
+    document.saved = replace(document.saved, **{kind: getattr(document.settings, kind)})
     store.leave_to_the_file(kind)
     store.flush()
     return f"{said}{kept}"

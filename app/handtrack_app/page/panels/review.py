@@ -293,8 +293,7 @@ def undoubted(strip: TimelineSnapshot) -> list[tuple[int, int]]:
     return [(first, stop - 1) for first, stop in number_runs(good.union(strip.by_hand))]
 
 
-# ---- The one next step of the work, as a sentence and a button over the timeline: detect, track, go on, review,
-# export
+# ---- The one next step of the work, over the timeline
 
 
 Step = tuple[str, str, Callable[[viser.ClientHandle], None]]

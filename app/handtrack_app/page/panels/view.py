@@ -207,8 +207,7 @@ def _activity(progress: ProgressSnapshot) -> str:
     )
 
 
-# ---- How each page is laid out, whatever others do: folded panels, light or dark. The browser remembers
-# it
+# ---- How each page is laid out, which its browser remembers
 
 
 KEPT_AS = "handtrack.room"  # in the browser's storage

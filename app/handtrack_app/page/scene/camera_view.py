@@ -107,8 +107,7 @@ def pixel_box(
     return (x, y, width, height) if width > 1 and height > 1 else None
 
 
-# ---- Which frames were shown a moment ago: what is made of one comes later than its hand, and may stand for so long
-# beside the next
+# ---- Which frames were shown a moment ago: a picture comes later than the hand of its frame
 
 
 _MOMENT_S = 0.3

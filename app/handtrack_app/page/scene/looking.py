@@ -265,8 +265,7 @@ def plane_of(card: Camera, depth: float) -> tuple[float, float, Floats[D3]]:
     return depth * width / fx, depth * height / fy, card.centre + middle @ card.rotation
 
 
-# ---- How each page looks through a camera: it stands in the camera's centre; the wheel enlarges, a drag of the
-# picture moves it
+# ---- Looking through a camera
 
 
 _NEAR_M = 1e-4
