@@ -13,7 +13,6 @@ from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import scale_table
-from handtrack.tracking.frame.result import COLUMNS
 from handtrack.tracking.frame.tables.labelled import joint_confidence
 from tests.export.sequences import sample_sequence
 from tests.sample_track import sample_track
@@ -41,9 +40,7 @@ def test_c54_a_name_that_begins_a_formula_is_text_and_numbers_stay(kind, rng, tm
 
 def test_frames_that_were_not_tracked_are_lost_ones_where_a_format_has_a_rate(tmp_path):
     _, track = sample_sequence("right")
-    rows = np.array([0, 1, 4])
-    there = {name: getattr(track, name) for name in COLUMNS}
-    part = replace(track, **{n: a[rows] for n, a in there.items() if a is not None})
+    part = track.labels.track(track[row] for row in (0, 1, 4))
     whole = ResultsTable(part).without_gaps
     assert whole.track.frame.tolist() == [3, 4, 5, 6, 7]
     assert whole.is_lost.tolist() == [False, False, True, True, False]
