@@ -88,7 +88,12 @@ def alternating_timings(
 ) -> list[Timing]:
     """Return how long each function takes; they take turns, so that a slow moment meets them all.
 
-    The least of many is the nearest to a quiet machine. clock: [s], the calling thread's unless given.
+    The least of many is the nearest to a quiet machine.
+
+    Parameters
+    ----------
+    clock
+        [s], the calling thread's unless given.
     """
     times: list[list[float]] = [[] for _ in functions]
     for function in functions:

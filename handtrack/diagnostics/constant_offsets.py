@@ -25,9 +25,13 @@ def beside_other_half(errors: Floats[F, *Axes]) -> Floats[F, *Axes]:
 def offset_free_errors(
     found: Floats[F, N, D3], truth: Floats[F, N, D3], turns: Floats[F, N, D3, D3]
 ) -> Floats[F, N]:
-    """Return how far points are off beside each one's constant offset in its bone's frame, in their unit; NaN where unknown.
+    """Return how far points are off beside each one's constant offset in its bone's frame, in their
+    unit; NaN where unknown.
 
-    turns: bone → world of the bone that carries each point.
+    Parameters
+    ----------
+    turns
+        Bone → world of the bone that carries each point.
     """
     own = np.einsum("fnji,fnj->fni", turns, truth - found)
     return np.linalg.norm(beside_other_half(own), axis=2)

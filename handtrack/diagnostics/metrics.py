@@ -50,24 +50,38 @@ class _Compared:
 def evaluate(
     track: TrackResult, truth: Truth, landmarks: str | None = None
 ) -> dict[str, float | int | None]:
-    """Return the measures of contracts §3, in mm; None where there is nothing to measure. On top come `finger_swaps`
-    and, of hands, how far their joints are bent (`flexion_errors`, in degrees).
+    """Return the measures of contracts §3, in mm; None where there is nothing to measure.
 
-    Compared are keypoints21 where the truth has them, else joints of equal name, by frame number. Every truth
-    frame counts: a missing or lost one with its last estimate (the first estimate before tracking begins).
-    Unknown (NaN) points do not count. Raises HandtrackError when nothing can be compared. landmarks: the definition
-    in which points are compared; None: see `in_truths_landmarks`.
+    On top come `finger_swaps` and, of hands, how far their joints are bent (`flexion_errors`, in
+    degrees).
 
-    `offset_free` figures are beside each point's constant offset in its bone's frame, fitted on one half of the frames and
-    applied to the other (`constant_offsets`): None where the track does not say how its model is built.
+    Compared are keypoints21 where the truth has them, else joints of equal name, by frame number.
+    Every truth frame counts: a missing or lost one with its last estimate (the first estimate
+    before tracking begins). Unknown (NaN) points do not count.
 
-    `wrong_frames`, of hands, have a keypoint more than 25 mm off beside its constant offset (`constant_offsets.WRONG_M`): of frames of low
-    confidence (doubtful, lost or missing) and of all.
+    `offset_free` figures are beside each point's constant offset in its bone's frame, fitted on one
+    half of the frames and applied to the other (`constant_offsets`): None where the track does not
+    say how its model is built.
 
-    Last come how many frames of the truth and how many of their points were used, and of each joint.
+    `wrong_frames`, of hands, have a keypoint more than 25 mm off beside its constant offset
+    (`constant_offsets.WRONG_M`): of frames of low confidence (doubtful, lost or missing) and of
+    all.
 
-    `jitter_mm` and `coverage90` are about tracked frames alone: a held estimate neither moves nor says anew
-    how sure it is.
+    Last come how many frames of the truth and how many of their points were used, and of each
+    joint.
+
+    `jitter_mm` and `coverage90` are about tracked frames alone: a held estimate neither moves nor
+    says anew how sure it is.
+
+    Parameters
+    ----------
+    landmarks
+        The definition in which points are compared; None: see `in_truths_landmarks`.
+
+    Raises
+    ------
+    HandtrackError
+        When nothing can be compared.
     """
     points = _compared(in_truths_landmarks(track, truth, landmarks), truth)
     error = np.linalg.norm(points.found - points.truth, axis=2)

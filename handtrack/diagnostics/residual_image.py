@@ -82,9 +82,13 @@ def residual_picture(
 def joint_pairs(
     seen: ImageKeypoints, names: Sequence[str], places: Floats[J, D3]
 ) -> Floats[N, D2, D2]:
-    """Return where a camera's joints were seen and where the model has them [px], of those that both have.
+    """Return where a camera's joints were seen and where the model has them [px], of those that
+    both have.
 
-    names, places: of the model's joints, world [m].
+    Parameters
+    ----------
+    names, places
+        Of the model's joints, world [m].
     """
     known = [i for i, name in enumerate(seen.names) if name in names]
     known = [i for i in known if np.isfinite(seen.pixels[i]).all()]

@@ -55,11 +55,19 @@ def failure_probability(frame: FrameHead) -> float:
 def intervals_to_review(
     frames: Iterable[FrameHead], done: Container[int] = ()
 ) -> list[ReviewInterval]:
-    """Return the intervals of doubtful and lost frames, those first of which most frames are expected to be off.
+    """Return the intervals of doubtful and lost frames, those first of which most frames are
+    expected to be off.
 
-    frames: ascending; done: frames that need no look, being set by hand or accepted. Doubts of different parts make intervals
-    of their own, which may overlap; but what is seen in one look is one: an interval that is no longer than those frames that
-    join, beside another within as many, goes with that.
+    Doubts of different parts make intervals of their own, which may overlap; but what is seen in
+    one look is one: an interval that is no longer than those frames that join, beside another
+    within as many, goes with that.
+
+    Parameters
+    ----------
+    frames
+        Ascending.
+    done
+        Frames that need no look, being set by hand or accepted.
     """
     open_runs: dict[str, list[FrameHead]] = {}
     found: list[list[FrameHead]] = []

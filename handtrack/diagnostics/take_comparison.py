@@ -48,8 +48,15 @@ def mean_overlap(
     seen: Callable[[int], Sequence[Silhouette]],
     frames: Sequence[FrameResult],
 ) -> float | None:
-    """Return how well a track covers the masks: intersection over union, the mean of cameras and of frames, at most 50 that
-    are evenly spread. seen: the silhouettes of a frame. None where there are none.
+    """Return how well a track covers the masks: intersection over union, the mean of cameras and of
+    frames, at most 50 that are evenly spread.
+
+    None where there are none.
+
+    Parameters
+    ----------
+    seen
+        The silhouettes of a frame.
     """
     found = []
     for result in (frames[index] for index in evenly_spread(len(frames), _LOOKED_AT)):

@@ -113,8 +113,13 @@ class ManoModel:
     ) -> tuple[Floats[N, D16, D3], Floats[N, K, D3]]:
         """Return joints and chosen vertices [m], all where none are chosen, in N poses.
 
-        pose: rotation vectors [rad], the wrist's in the world, the others in their parent's frame (MANO's full pose, its mean
-        pose added). place: [m], what is added to all, MANO's `transl`.
+        Parameters
+        ----------
+        pose
+            Rotation vectors [rad], the wrist's in the world, the others in their parent's frame
+            (MANO's full pose, its mean pose added).
+        place
+            [m], what is added to all, MANO's `transl`.
         """
         chosen = np.arange(_VERTICES) if vertices is None else vertices
         skin, joints = self.shaped(betas)

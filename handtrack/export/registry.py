@@ -55,11 +55,20 @@ class ExportFormat:
     def write(
         self, path: Path, table: ResultsTable, up: str = "", landmarks: str = ""
     ) -> list[Path]:
-        """Write the file and what belongs to it; return them. Raises HandtrackError.
+        """Write the file and what belongs to it; return them.
 
-        up: which axis of the recording's world points up, one of AXES: the world is turned so that it does for those who
-        read the file. Empty: nothing is turned. landmarks: the definition in which joints and keypoints are written, as
-        `TrackResult.in_landmarks` takes it. Empty: as the table has them.
+        Parameters
+        ----------
+        up
+            Which axis of the recording's world points up, one of AXES: the world is turned so that
+            it does for those who read the file. Empty: nothing is turned.
+        landmarks
+            The definition in which joints and keypoints are written, as `TrackResult.in_landmarks`
+            takes it. Empty: as the table has them.
+
+        Raises
+        ------
+        HandtrackError
         """
         missing = [name for name in self.needs if find_spec(name.replace("-", "_")) is None]
         if missing:

@@ -34,7 +34,10 @@ LIKELY_UNITS_M = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inc
 def check_file(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
     """Raise HandtrackError unless a path is a plain file of at most so many bytes.
 
-    what: a few words for the error, such as `a calibration`.
+    Parameters
+    ----------
+    what
+        A few words for the error, such as `a calibration`.
     """
     if path.is_dir():
         raise HandtrackError(f"{path} is a folder; expected {what}.")
@@ -64,7 +67,15 @@ _LONGEST_WHOLE = 18  # digits: what 64 bits hold; longer ones become floats
 def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
     """Return a file's text, without the mark that some editors put before it.
 
-    what: a few words for the error, such as `the calibration`. Raises HandtrackError, also for a file of more than so many bytes.
+    Parameters
+    ----------
+    what
+        A few words for the error, such as `the calibration`.
+
+    Raises
+    ------
+    HandtrackError
+        Also for a file of more than so many bytes.
     """
     check_file(path, what, most_bytes)
     try:

@@ -20,11 +20,21 @@ from handtrack.files.versions import keep_version
 
 
 def edit_toml(path: Path, changes: Mapping[str, Any], what: str) -> str:
-    """Change values of a file, whole or not at all; return a sentence about the file before, empty where nothing changed.
+    """Change values of a file, whole or not at all; return a sentence about the file before, empty
+    where nothing changed.
 
-    changes: values by their dotted names, None to remove one; of tables in a list, by their number from 0 (`camera.0.roi`).
-    what: a few words for the error, such as `a session's
-    settings`. Raises HandtrackError for a file that is no valid TOML, or that cannot be read, changed or written.
+    Parameters
+    ----------
+    changes
+        Values by their dotted names, None to remove one; of tables in a list, by their number from
+        0 (`camera.0.roi`).
+    what
+        A few words for the error, such as `a session's settings`.
+
+    Raises
+    ------
+    HandtrackError
+        For a file that is no valid TOML, or that cannot be read, changed or written.
     """
     read_toml(path, what)
     before = read_text(path, what)

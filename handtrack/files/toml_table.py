@@ -42,9 +42,19 @@ def one_of(known: Sequence[str]) -> Meta:
 def read_table(kind: type[T], table: Any, where: str, also: Sequence[str] = (), **ready: Any) -> T:
     """Return a table's values as a dataclass, some of which are `ready` already.
 
-    where: file and table for the errors, such as `session.toml, [hand]`. also: keys that the caller reads. Raises HandtrackError: for a key that the
-    dataclass lacks, for one that it needs, for a value of another kind or range, and with the words of a ValueError that
-    the dataclass itself raises, because values do not go together.
+    Parameters
+    ----------
+    where
+        File and table for the errors, such as `session.toml, [hand]`.
+    also
+        Keys that the caller reads.
+
+    Raises
+    ------
+    HandtrackError
+        For a key that the dataclass lacks, for one that it needs, for a value of another kind or
+        range, and with the words of a ValueError that the dataclass itself raises, because values
+        do not go together.
     """
     table = checked_table(table, where)
     known = [*also, *(field.name for field in fields(kind))]  # type: ignore[arg-type]

@@ -18,9 +18,17 @@ _MOST_BYTES = 4 << 20  # settings of a thousand cameras have 0.3 MB; Python read
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
-    """Return the tables of a TOML file. what: a few words for the error, such as `the calibration`.
+    """Return the tables of a TOML file.
 
-    Raises HandtrackError when there is no such file, or it is too large, or not valid TOML (with its line).
+    Parameters
+    ----------
+    what
+        A few words for the error, such as `the calibration`.
+
+    Raises
+    ------
+    HandtrackError
+        When there is no such file, or it is too large, or not valid TOML (with its line).
     """
     text = read_text(path, what, _MOST_BYTES)
     try:

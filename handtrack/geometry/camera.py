@@ -64,11 +64,22 @@ class Camera:
         size: tuple[int, int],
         unit_m: float = 1.0,
     ) -> Camera:
-        """Return the camera of OpenCV's numbers, of any of its shapes: `calibrateCamera`'s matrix and coefficients, and rvec or
-        R, and tvec, of `solvePnP` or `stereoCalibrate` (world → camera). Left out: no distortion, the world is the camera's.
+        """Return the camera of OpenCV's numbers, of any of its shapes: `calibrateCamera`'s matrix
+        and coefficients, and rvec or R, and tvec, of `solvePnP` or `stereoCalibrate` (world →
+        camera).
 
-        size: width, height [px]. unit_m: metres in one unit of the translation, such as 0.001 where the board was in mm.
-        Raises HandtrackError.
+        Left out: no distortion, the world is the camera's.
+
+        Parameters
+        ----------
+        size
+            Width, height [px].
+        unit_m
+            Metres in one unit of the translation, such as 0.001 where the board was in mm.
+
+        Raises
+        ------
+        HandtrackError
         """
         turn: Any = np.eye(3) if rotation is None else np.asarray(rotation, float)
         turn = rotation_matrix(turn.ravel()) if turn.size == 3 else turn

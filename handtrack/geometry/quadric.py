@@ -22,7 +22,10 @@ def dual_conic(
 ) -> Floats[E, D3, D3]:
     """Return C* = G D Gᵀ − p pᵀ with p = G c + h; eq. 15.
 
-    projection: [G|h]; centre, shape D: world [m].
+    Parameters
+    ----------
+    projection
+        [G|h]; centre, shape D: world [m].
     """
     g, h = projection[:, :3], projection[:, 3]
     p = centre @ g.T + h

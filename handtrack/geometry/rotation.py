@@ -77,7 +77,12 @@ def euler_angles(matrix: Floats[*Axes, D3, D3], order: str) -> Floats[*Axes, D3]
 def left_jacobian(rotvec: Floats[*Axes, D3]) -> Floats[*Axes, D3, D3]:
     """Return J with: rotvec + δ turns like exp(J δ) · exp(rotvec), to first order in δ.
 
-    rotvec: [rad]. Replaces eqs. 33–39 of the 2007 paper, also at rest, where those are 0/0.
+    Replaces eqs. 33–39 of the 2007 paper, also at rest, where those are 0/0.
+
+    Parameters
+    ----------
+    rotvec
+        [rad].
     """
     rotvec = np.asarray(rotvec, dtype=float)
     angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]

@@ -133,11 +133,20 @@ class PinholeView:
 def pinhole_views(
     lens: SourceLens, region: tuple[float, float, float, float] | None = None
 ) -> tuple[PinholeView, ...]:
-    """Return the pinholes through which a lens's images are tracked: one, or tiles from left to right and top to bottom
-    where what they are to show is wider than 100°.
+    """Return the pinholes through which a lens's images are tracked: one, or tiles from left to
+    right and top to bottom where what they are to show is wider than 100°.
 
-    region: x, y, width, height [px] in the lens's image; None: all of it. Each view's pixels lie in the image, and are as
-    dense in its middle as the image's. Raises HandtrackError where the lens shows nothing of the region.
+    Each view's pixels lie in the image, and are as dense in its middle as the image's.
+
+    Parameters
+    ----------
+    region
+        x, y, width, height [px] in the lens's image; None: all of it.
+
+    Raises
+    ------
+    HandtrackError
+        Where the lens shows nothing of the region.
     """
     x, y, width, height = region or (0, 0, *lens.size)
     middle = np.array([x + 0.5 * (width - 1), y + 0.5 * (height - 1)])

@@ -18,10 +18,17 @@ def triangulated(
     least_angle: float = _LEAST_ANGLE,
     weights: Floats[C, N] | None = None,
 ) -> Floats[N, D3]:
-    """Return points nearest to their lines of sight, world [m]; NaN where fewer than two cameras see one, or from one side.
+    """Return points nearest to their lines of sight, world [m]; NaN where fewer than two cameras
+    see one, or from one side.
 
-    pixels: of the undistorted images, NaN where unknown. least_angle: between two of the lines [rad]. Least squares over the
-    distances from the lines, weighted by `weights` where given.
+    Least squares over the distances from the lines, weighted by `weights` where given.
+
+    Parameters
+    ----------
+    pixels
+        Of the undistorted images, NaN where unknown.
+    least_angle
+        Between two of the lines [rad].
     """
     ways = np.stack([one.rays(seen) for one, seen in zip(cameras, pixels, strict=True)])
     known = np.asarray(np.isfinite(ways).all(axis=2))

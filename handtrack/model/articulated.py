@@ -286,11 +286,21 @@ class ArticulatedModel:
         return self.joint_positions(bones)[indices(self.joint_names, names)]
 
     def params_from(self, values: Mapping[str, float], nearest: bool = False) -> Floats[P]:
-        """Return solver parameters from joint parameters by name [m, rad]. Those that are not given follow those that are, where
-        the coupling ties them together, and are 0 elsewhere.
+        """Return solver parameters from joint parameters by name [m, rad].
 
-        Raises HandtrackError for an unknown name, and for values that the coupling does not allow together. nearest: then the
-        pose that it allows with the least squares of what it has to change.
+        Those that are not given follow those that are, where the coupling ties them together, and
+        are 0 elsewhere.
+
+        Parameters
+        ----------
+        nearest
+            Return the pose that it allows, with the least squares of what it has to change, instead of the
+            second error.
+
+        Raises
+        ------
+        HandtrackError
+            For an unknown name, and for values that the coupling does not allow together.
         """
         joint = np.zeros(len(self.parameter_names))
         given = np.zeros(len(joint), bool)

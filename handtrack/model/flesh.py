@@ -75,9 +75,17 @@ def field_image(
     levels: Floats[E, D2] | None = None,
     depth_scaled: bool = False,
 ) -> Floats[H, W]:
-    """Return the lowest field, 0 where there is none; eqs. 18–19 of the 2007 paper, without distortion.
+    """Return the lowest field, 0 where there is none; eqs. 18–19 of the 2007 paper, without
+    distortion.
 
-    Plain NumPy, pixel by pixel: independent of the terms' run sums. levels: t and s of each ellipsoid, for s (q − t) in place of q. depth_scaled: the paper's scale [m⁻²].
+    Plain NumPy, pixel by pixel: independent of the terms' run sums.
+
+    Parameters
+    ----------
+    levels
+        t and s of each ellipsoid, for s (q − t) in place of q.
+    depth_scaled
+        The paper's scale [m⁻²].
     """
     width, height = camera.size
     image = np.zeros((height, width))

@@ -96,8 +96,14 @@ class BoneFields:
     def of_twists(
         cls, twists: Floats[B, D6, N], landmarks: int, outline: Floats[N] | None = None
     ) -> BoneFields:
-        """Return the fields of bones that move and turn. landmarks: how many points there are that a detector sees; outline: as
-        the field's, none unless given.
+        """Return the fields of bones that move and turn.
+
+        Parameters
+        ----------
+        landmarks
+            How many points there are that a detector sees.
+        outline
+            As the field's, none unless given.
         """
         bones, _, count = twists.shape
         fields = np.zeros((bones, 12, count))

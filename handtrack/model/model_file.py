@@ -163,14 +163,26 @@ def load_model(
     spread: Mapping[str, float] | None = None,
     narrowing: bool = True,
 ) -> ArticulatedModel:
-    """Return a model by its name or from a definition file: TOML (docs/reference/definitions.md), or a robot's URDF, or a BVH.
+    """Return a model by its name or from a definition file: TOML (docs/reference/definitions.md),
+    or a robot's URDF, or a BVH.
 
-    side: `right` or `left`, the exact mirror image with the same parameter values for the mirrored pose; a body has
-    both sides and is the same for either.
-    coupling: `26` (all freedoms), `21` (distal joints follow), `18` (and abductions linked).
-    forearm: whether it has one; a length [m of the mean adult's] if it ends there, as a cuff does.
-    spread: a person's own ratios A_i / spread for coupling `18`, by finger. narrowing: whether limits of abduction
-    shrink with flexion. Raises HandtrackError.
+    Parameters
+    ----------
+    side
+        `right` or `left`, the exact mirror image with the same parameter values for the mirrored
+        pose; a body has both sides and is the same for either.
+    coupling
+        `26` (all freedoms), `21` (distal joints follow), `18` (and abductions linked).
+    forearm
+        Whether it has one; a length [m of the mean adult's] if it ends there, as a cuff does.
+    spread
+        A person's own ratios A_i / spread for coupling `18`, by finger.
+    narrowing
+        Whether limits of abduction shrink with flexion.
+
+    Raises
+    ------
+    HandtrackError
     """
     if side not in ("right", "left"):
         raise HandtrackError(f"side '{side}': a hand is 'right' or 'left'.")
@@ -189,7 +201,14 @@ def model_from_definition(
 ) -> ArticulatedModel:
     """Return the model of a definition as `ArticulatedModel.definition` has it, without couplings.
 
-    source: where the text is from, for errors. Raises HandtrackError.
+    Parameters
+    ----------
+    source
+        Where the text is from, for errors.
+
+    Raises
+    ------
+    HandtrackError
     """
     try:
         table = json.loads(text)
@@ -237,9 +256,13 @@ def _check(known: ShapeCovariance) -> None:
 
 
 def write_scale(path: Path, scale: HandScale, words: Mapping[str, str] | None = None) -> None:
-    """Save a person's hand or body, to be named by `scale` in session.toml: as TOML by its name, else as JSON.
+    """Save a person's hand or body, to be named by `scale` in session.toml: as TOML by its name,
+    else as JSON.
 
-    words: what is said of its numbers, by their names, in comments of a TOML file.
+    Parameters
+    ----------
+    words
+        What is said of its numbers, by their names, in comments of a TOML file.
     """
     table = scale_table(scale)
     if path.suffix.lower() != ".toml":
@@ -278,9 +301,17 @@ def _shipped(name: str) -> dict[str, Any]:
 
 
 def read_definition(path: Path, within: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return the tables of a definition file, with those that it extends, or those made of another program's (URDF, BVH).
+    """Return the tables of a definition file, with those that it extends, or those made of another
+    program's (URDF, BVH).
 
-    within: the files that extend this one. Raises HandtrackError.
+    Parameters
+    ----------
+    within
+        The files that extend this one.
+
+    Raises
+    ------
+    HandtrackError
     """
     if path.is_file() and path.suffix.lower() == ".toml":
         table = read_toml(path, "a model's definition")

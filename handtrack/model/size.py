@@ -210,7 +210,12 @@ class SizeParameters:
     def fields(self, bones: BonePoses, unknowns: Ints[K]) -> BoneFields:
         """Return how the bones of a person move and deform by some of the deviations (K of N).
 
-        bones: those of `rescaled`. A bone's head moves as far as those above it have grown, and no bone turns.
+        A bone's head moves as far as those above it have grown, and no bone turns.
+
+        Parameters
+        ----------
+        bones
+            Those of `rescaled`.
         """
         assert bones.scale_change is not None
         joints, flesh = growth_fields(self._growth, bones.frames, bones.scale_change, unknowns)

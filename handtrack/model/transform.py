@@ -27,7 +27,10 @@ class ParameterTransform:
     def solver_params(self, joint_params: Floats[S], given: Array[S] | None = None) -> Floats[P]:
         """Return the solver parameters closest, in least squares, to joint parameters.
 
-        given: which of them count; solver parameters that none of those tells of are 0.
+        Parameters
+        ----------
+        given
+            Which of them count; solver parameters that none of those tells of are 0.
         """
         joint, leader, ratio = self.links
         weight = ratio if given is None else ratio * given[joint]
@@ -66,8 +69,13 @@ def build_transform(
 ) -> ParameterTransform:
     """Return the transform in which followers follow and every other joint parameter is free.
 
-    A leader that is no joint parameter becomes a new solver parameter, at the place of its first follower
-    (`spread`, which leads the four abductions). couplings: leader and ratio of each follower, which loses its own column.
+    A leader that is no joint parameter becomes a new solver parameter, at the place of its first
+    follower (`spread`, which leads the four abductions).
+
+    Parameters
+    ----------
+    couplings
+        Leader and ratio of each follower, which loses its own column.
     """
     for name, (leader, _) in couplings.items():
         check_name("parameter", name, joint_names, "a coupling")

@@ -42,11 +42,23 @@ _ROUNDING = 1e-5
 
 
 def coverage_of(mask: Array[H, W], size: tuple[int, int], who: str) -> Array[H, W]:
-    """Return how much of each pixel the hand covers, float32 in [0, 1], UNKNOWN where nobody can tell.
+    """Return how much of each pixel the hand covers, float32 in [0, 1], UNKNOWN where nobody can
+    tell.
 
-    mask: booleans; numbers 0 to 1; or 0 to 255, which is told by the highest of them. NaN and −1 mean unknown. size:
-    width, height [px] that it must have. who: names it in errors. Raises HandtrackError for another shape, and for numbers
-    that may mean anything: labels, distances, a picture.
+    Parameters
+    ----------
+    mask
+        Booleans; numbers 0 to 1; or 0 to 255, which is told by the highest of them. NaN and −1 mean
+        unknown.
+    size
+        Width, height [px] that it must have.
+    who
+        Names it in errors.
+
+    Raises
+    ------
+    HandtrackError
+        For another shape, and for numbers that may mean anything: labels, distances, a picture.
     """
     mask = np.asarray(mask)
     width, height = size
@@ -328,8 +340,13 @@ def undistort_silhouette(
 
     Each undistorted pixel holds its coverage, bilinearly interpolated. A row's valid span is the
     largest run of pixels that come from inside the image and the region of interest. Without
-    distortion the mask passes unchanged. unknown: the mask's value where nobody can tell; nor can
-    anybody of an undistorted pixel to which one of them adds.
+    distortion the mask passes unchanged.
+
+    Parameters
+    ----------
+    unknown
+        The mask's value where nobody can tell; nor can anybody of an undistorted pixel to which one
+        of them adds.
     """
     coverage = mask.astype(np.float32) / np.float32(_BYTE)
     if unknown is not None:

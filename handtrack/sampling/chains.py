@@ -64,9 +64,18 @@ class Chain:
 
 @lru_cache(maxsize=8)
 def chains_of(model: ArticulatedModel, wanted: tuple[str, ...] = ("all",)) -> tuple[Chain, ...]:
-    """Return the chains that a model's joints offer: fingers of a hand; neck, arms and legs of a body.
+    """Return the chains that a model's joints offer: fingers of a hand; neck, arms and legs of a
+    body.
 
-    wanted: only those of these names. HandtrackError for a name that none has.
+    Parameters
+    ----------
+    wanted
+        Only those of these names.
+
+    Raises
+    ------
+    HandtrackError
+        For a name that none has.
     """
     names = keypoint_names()[1:]
     offered = [(finger, names[4 * i : 4 * i + 4]) for i, finger in enumerate(FINGERS)]

@@ -19,7 +19,11 @@ def covariance_scaled(
 ) -> Floats[N, P]:
     """Return samples = mean + scale · U √Λ z, with U Λ Uᵀ = covariance [m, rad].
 
-    draw: z, of a shape, such as a generator's `standard_normal`. 2003 paper, §5.1 (covariance scaled sampling); limits are not looked at, see `projected`.
+    Parameters
+    ----------
+    draw
+        z, of a shape, such as a generator's `standard_normal`. 2003 paper, §5.1 (covariance scaled
+        sampling); limits are not looked at, see `projected`.
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     spread = vectors * np.sqrt(np.maximum(values, 0.0))

@@ -87,9 +87,15 @@ def extended(
 ) -> Branches:
     """Return the branches with one link more: all solutions for each target (N, T, 3) of its end.
 
-    missed: 0 a target, 1 one that is only the nearest to be had, 2 none. spare: the angles that
-    turns get which the targets leave open. A branch without a solution within limits ends here; with
-    `take_nearest` it goes on with what is nearest, no longer exact.
+    A branch without a solution within limits ends here; with `take_nearest` it goes on with what is
+    nearest, no longer exact.
+
+    Parameters
+    ----------
+    missed
+        0 a target, 1 one that is only the nearest to be had, 2 none.
+    spare
+        The angles that turns get which the targets leave open.
     """
     hinges = chain.hinges(link)
     first = int(hinges[0]) if len(hinges) else 0
@@ -184,9 +190,14 @@ def chain_flips(
     camera: Camera,
     least_rad: float = MOVED_RAD,
 ) -> Floats[L, P]:
-    """Return the poses in which one chain alone is flipped along a camera's viewing rays, as near as limits allow.
+    """Return the poses in which one chain alone is flipped along a camera's viewing rays, as near
+    as limits allow.
 
-    least_rad: by how much some angle of a flip differs at least [rad]; a link that lies across the line of sight has none.
+    Parameters
+    ----------
+    least_rad
+        By how much some angle of a flip differs at least [rad]; a link that lies across the line of
+        sight has none.
     """
     tree = interpretation_tree(model, params, [chain], camera, take_nearest=True)
     moved = np.abs(tree.params - params).max(axis=1) > least_rad

@@ -71,9 +71,20 @@ def keypoint_problem(
     loss: Loss = quadratic(),
     collision: CollisionTerm | None = None,
 ) -> KeypointProblem:
-    """Return the arrays of a problem; its cost is that of `Problem` with a KeypointTerm for each of `observed`.
+    """Return the arrays of a problem; its cost is that of `Problem` with a KeypointTerm for each of
+    `observed`.
 
-    priors: quadratic ones (GaussianPrior, LinearPrior); collision: parts that may not pass through each other. HandtrackError for unknown joints.
+    Parameters
+    ----------
+    priors
+        Quadratic ones (GaussianPrior, LinearPrior).
+    collision
+        Parts that may not pass through each other.
+
+    Raises
+    ------
+    HandtrackError
+        For unknown joints.
     """
     skeleton = model.skeleton
     chain = [skeleton.hinges_above(bone) for bone in range(skeleton.bone_count)]

@@ -95,10 +95,16 @@ def one_hinge(axis, v, d, otherwise):  # pragma: no cover - compiled
 
 @compiled
 def two_hinges(a, b, v, d, otherwise_a, otherwise_b, out):  # pragma: no cover - compiled
-    """Fill out (2, 2) with the angles (about a, about b) for which turning v about b, then about a, gives d.
+    """Fill out (2, 2) with the angles (about a, about b) for which turning v about b, then about a,
+    gives d.
 
-    Returns how many there are: 2, or 1 where both agree, or where none reaches d and the nearest is given.
-    An angle that makes no difference is `otherwise`. a, b: unit axes.
+    Returns how many there are: 2, or 1 where both agree, or where none reaches d and the nearest is
+    given. An angle that makes no difference is `otherwise`.
+
+    Parameters
+    ----------
+    a, b
+        Unit axes.
     """
     size = _dot(v, v)
     c = _dot(a, b)
@@ -150,13 +156,22 @@ def into_interval(angle, low, high, near):  # pragma: no cover - compiled
 
 @compiled
 def grow(turns, own, reach, leaves, aims, take_nearest, tolerance):  # pragma: no cover - compiled
-    """Return the children of every leaf for one link: rotation, end, angles, parent, target and miss of each.
+    """Return the children of every leaf for one link: rotation, end, angles, parent, target and
+    miss of each.
 
-    own: its hinges, first … last − 1. leaves: rotation (N, 3, 3) before the link, zero-pose axes → world; start (N, 3)
-    world; angles and spare (N, K), of the leaf and for turns that are not determined. aims: targets (N, T, 3) of the
-    end, and which are missed (N, T), as of `pierce`. Miss [m] is from a child's end to the target, infinite where a
-    limit had to be kept. Children that miss by more than `tolerance` are dropped, or with `take_nearest` the best one is
-    kept where no sibling reaches the target.
+    Miss [m] is from a child's end to the target, infinite where a limit had to be kept. Children
+    that miss by more than `tolerance` are dropped, or with `take_nearest` the best one is kept
+    where no sibling reaches the target.
+
+    Parameters
+    ----------
+    own
+        Its hinges, first … last − 1.
+    leaves
+        Rotation (N, 3, 3) before the link, zero-pose axes → world; start (N, 3) world; angles and
+        spare (N, K), of the leaf and for turns that are not determined.
+    aims
+        Targets (N, T, 3) of the end, and which are missed (N, T), as of `pierce`.
     """
     rotation, start, angles, spare = leaves
     targets, missed = aims

@@ -60,12 +60,25 @@ def polish(
     iterations: int = 200,
     tolerance: float = 1e-6,
 ) -> Polished:
-    """Return the minima that descent reaches from starts, of the cost of KeypointTerms, priors and collisions.
+    """Return the minima that descent reaches from starts, of the cost of KeypointTerms, priors and
+    collisions.
 
-    observed: joints in space or in any number of undistorted images; priors: quadratic ones; collision: parts that may
-    not pass through each other; iterations: linearisations at most; tolerance: descent stops when the gradient on the free
-    directions, each in its own standard deviations, is shorter. Starts outside the limits are first moved into them. Holds no
-    lock while it runs; the same starts give the same bytes.
+    Starts outside the limits are first moved into them. Holds no lock while it runs; the same
+    starts give the same bytes.
+
+    Parameters
+    ----------
+    observed
+        Joints in space or in any number of undistorted images.
+    priors
+        Quadratic ones.
+    collision
+        Parts that may not pass through each other.
+    iterations
+        Linearisations at most.
+    tolerance
+        Descent stops when the gradient on the free directions, each in its own standard deviations,
+        is shorter.
     """
     problem = keypoint_problem(model, observed, priors, loss, collision)
     params = np.array(starts, dtype=float, order="C")

@@ -31,9 +31,13 @@ def angle_distance(params: Floats[P], others: Floats[N, P]) -> Floats[N]:
 
 
 def apart(rows: Iterable[int], is_far: Callable[[int, Ints[N]], Array[N]]) -> Iterator[int]:
-    """Yield the rows that stand for all: each, the best first, that is far from every better one yielded.
+    """Yield the rows that stand for all: each, the best first, that is far from every better one
+    yielded.
 
-    is_far: tells for a row and others (N,) which of them (N,) are far from it.
+    Parameters
+    ----------
+    is_far
+        Tells for a row and others (N,) which of them (N,) are far from it.
     """
     left = np.fromiter(rows, dtype=int)
     while len(left):

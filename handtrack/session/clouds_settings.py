@@ -119,9 +119,17 @@ class CloudSettings(CloudOrigin):
 
 
 def read_clouds(values: Any, cameras: Sequence[Any], where: str) -> CloudSettings:
-    """Return the settings of a table [clouds]. Raises HandtrackError naming `where` and the key.
+    """Return the settings of a table [clouds].
 
-    cameras: those of the session, which must have what is asked of them.
+    Parameters
+    ----------
+    cameras
+        Those of the session, which must have what is asked of them.
+
+    Raises
+    ------
+    HandtrackError
+        Naming `where` and the key.
     """
     table = checked_table(values, where)
     sources = [key for key in _CLOUD_SOURCES if key in table]

@@ -80,9 +80,13 @@ def usable_detector(session: Session) -> HandDetector | None:
 def joints_of_frame(
     session: Session, frame: int, detector: HandDetector, sigma_px: float
 ) -> tuple[ImageKeypoints, ...]:
-    """Return the session's hand as seen in one frame's images, undistorted; nothing is written, other frames do not count.
+    """Return the session's hand as seen in one frame's images, undistorted; nothing is written,
+    other frames do not count.
 
-    sigma_px: of the joints.
+    Parameters
+    ----------
+    sigma_px
+        Of the joints.
     """
     side, seen = session.file.hand.side, dict[str, list[HandObservation]]()
     views = {view.name: view for view in session.views if view.images is not None}

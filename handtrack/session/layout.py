@@ -57,11 +57,21 @@ def is_pattern(setting: str) -> bool:
 
 
 def inside(folder: Path, setting: str, where: str) -> Path:
-    """Return folder / setting. Raises HandtrackError when that lies outside the folder, links
-    followed, or is a pipe or a device: opening one may wait for ever, and reading it never end.
+    """Return folder / setting.
 
-    where: the setting's file, table and key, for the error. An absolute path is one below a folder that the user has linked
-    (`handtrack new --link`), and is held to that folder.
+    An absolute path is one below a folder that the user has linked (`handtrack new --link`), and is
+    held to that folder.
+
+    Parameters
+    ----------
+    where
+        The setting's file, table and key, for the error.
+
+    Raises
+    ------
+    HandtrackError
+        When that lies outside the folder, links followed, or is a pipe or a device: opening one may
+        wait for ever, and reading it never end.
     """
     folder, setting = _rooted(folder, setting)
     path = folder / setting

@@ -94,9 +94,18 @@ class TrackingRun:
     ) -> TrackingRun:
         """Return the run that session.toml describes, with dotted settings replaced.
 
-        use_init: whether init.json is the first pose where none is given. A hand scale of "fit" is fitted to the first
-        pose's keypoints, then to the silhouettes of the frames after it (`fit_size`), unless
-        that is put off; a forearm is modelled where silhouettes show one beyond the wrist, as far as they do. Raises HandtrackError.
+        A hand scale of "fit" is fitted to the first pose's keypoints, then to the silhouettes of
+        the frames after it (`fit_size`), unless that is put off; a forearm is modelled where
+        silhouettes show one beyond the wrist, as far as they do.
+
+        Parameters
+        ----------
+        use_init
+            Whether init.json is the first pose where none is given.
+
+        Raises
+        ------
+        HandtrackError
         """
         settings = session.settings.with_values(overrides or {})
         session = session.as_tracked_by(settings)
@@ -149,12 +158,19 @@ class TrackingRun:
         tracked: Iterable[FrameResult] | None = None,
         sizes: bool | None = None,
     ) -> TrackingRun:
-        """Return the run for the person who explains the surest frames best; the same run where none can tell it.
+        """Return the run for the person who explains the surest frames best; the same run where
+        none can tell it.
 
-        Takes frames that are tracked; or those of `frames` (of all unless given) whose poses joints of two cameras say; or
-        tracks `frames` (from the first pose until enough are sure, unless given) with the size at hand. Then fits shape and poses of
-        at most `most` of the surest together; where a detector sees the joints is found with them, or alone: sizes
-        says so, else session.toml. on_progress: called with the share that is done, 0 to 1, and what is done in words.
+        Takes frames that are tracked; or those of `frames` (of all unless given) whose poses joints
+        of two cameras say; or tracks `frames` (from the first pose until enough are sure, unless
+        given) with the size at hand. Then fits shape and poses of at most `most` of the surest
+        together; where a detector sees the joints is found with them, or alone: sizes says so, else
+        session.toml.
+
+        Parameters
+        ----------
+        on_progress
+            Called with the share that is done, 0 to 1, and what is done in words.
         """
         if sizes is None:
             sizes = self.session.hand_scale == "fit" and self.prior_person is None
@@ -327,8 +343,13 @@ class TrackingRun:
         return self.first.frame, _first_params(self.model, self.first, self.settings)
 
     def observation(self, frame: int, bones: BonePoses | None = None) -> Observation:
-        """Return what is known of a frame and counts by the settings: silhouettes (missing views are absent), cloud,
-        given keypoints. bones: where the hand is expected; the cloud is cropped to it.
+        """Return what is known of a frame and counts by the settings: silhouettes (missing views
+        are absent), cloud, given keypoints.
+
+        Parameters
+        ----------
+        bones
+            Where the hand is expected; the cloud is cropped to it.
         """
         near = None if bones is None else hand_distance(self.model, bones)
         seen = of_model(_seen(self.session, self.settings, frame, near), self.model)

@@ -242,8 +242,12 @@ class Session:
     ) -> tuple[PointCloud | None, tuple[FilterReport, ...]]:
         """Return the hand's points of a frame, and what each filter did.
 
-        hand_distance: points (N, 3) → distance (N,) [m] to the hand of the frame before, for the
-        crop. Not kept.
+        Not kept.
+
+        Parameters
+        ----------
+        hand_distance
+            Points (N, 3) → distance (N,) [m] to the hand of the frame before, for the crop.
         """
         measured = self.measured_cloud(frame)
         if measured is None or self._clouds is None:
@@ -384,12 +388,21 @@ class Session:
         cloud: bool = True,
         hand_distance: HandDistance | None = None,
     ) -> Observation:
-        """Return what was seen of one frame. Missing views are absent; an empty mask is seen
-        emptiness.
+        """Return what was seen of one frame.
 
-        silhouettes, cloud: what is wanted; the other is neither read nor computed. hand_distance:
-        crops the cloud to a hand before it is thinned, see `cloud`. Raises HandtrackError outside
-        the session's frames.
+        Missing views are absent; an empty mask is seen emptiness.
+
+        Parameters
+        ----------
+        silhouettes, cloud
+            What is wanted; the other is neither read nor computed.
+        hand_distance
+            Crops the cloud to a hand before it is thinned, see `cloud`.
+
+        Raises
+        ------
+        HandtrackError
+            Outside the session's frames.
         """
         if frame not in self.known_frames and frame not in self.frame_range:
             raise HandtrackError(

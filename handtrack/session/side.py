@@ -27,7 +27,12 @@ def wrong_side_warning(
 ) -> str:
     """Return that the hand is the other one, in words; empty where that is not clear.
 
-    tracked: joint parameters by frame. A flat hand seen from afar is like the other one's back: nothing is told of it.
+    A flat hand seen from afar is like the other one's back: nothing is told of it.
+
+    Parameters
+    ----------
+    tracked
+        Joint parameters by frame.
     """
     if model.kind != "hand" or not model.has_keypoints21 or not tracked:
         return ""

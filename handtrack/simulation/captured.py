@@ -78,7 +78,17 @@ def captured(
 ) -> Captured:
     """Return a clip on a model, in the size of the person unless one is given.
 
-    build: makes the model of a size. posed: the motion's poses, where they are known. Raises HandtrackError where no frame has four joints.
+    Parameters
+    ----------
+    build
+        Makes the model of a size.
+    posed
+        The motion's poses, where they are known.
+
+    Raises
+    ------
+    HandtrackError
+        Where no frame has four joints.
     """
     if not len(clip.positions) or known_joints(clip.positions).max() < FEWEST:
         raise HandtrackError(f"in no frame of the motion {FEWEST} joints are known.")

@@ -24,8 +24,13 @@ def render(
 ) -> tuple[Array[H, W], Floats[H, W], Floats[H, W, D3]]:
     """Return which ellipsoid is in front (H, W; −1 for none), its depth [m] and normals.
 
-    Exact at pixel centres: each ray is cut with each ellipsoid. Depth is z in the camera, 0 where there is none.
-    rays: from `pixel_rays`, to be made once per camera.
+    Exact at pixel centres: each ray is cut with each ellipsoid. Depth is z in the camera, 0 where
+    there is none.
+
+    Parameters
+    ----------
+    rays
+        From `pixel_rays`, to be made once per camera.
     """
     rays = pixel_rays(camera) if rays is None else rays
     height, width = rays.shape[:2]

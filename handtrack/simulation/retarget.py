@@ -32,9 +32,19 @@ def retarget(
 ) -> Floats[F, P]:
     """Return solver parameters whose joints are nearest to positions world [m], within limits.
 
-    names: (J,) joints of the model; unknown places are NaN. Each frame starts from the one before it, and afresh where
-    that leads far off; one in which fewer than four joints are known keeps the pose before it. The model's size stays:
-    `fitted_model` finds a person's. progress: called after each frame. Raises HandtrackError where no frame has four.
+    Parameters
+    ----------
+    names
+        (J,) joints of the model; unknown places are NaN. Each frame starts from the one before it,
+        and afresh where that leads far off; one in which fewer than four joints are known keeps the
+        pose before it. The model's size stays: `fitted_model` finds a person's.
+    progress
+        Called after each frame.
+
+    Raises
+    ------
+    HandtrackError
+        Where no frame has four.
     """
     check_shape(positions, (None, len(names), 3), "positions to retarget")
     enough = known_joints(positions) >= FEWEST
@@ -64,7 +74,10 @@ def fitted_model(
 ) -> ArticulatedModel:
     """Return the model in the size of the person whose joints are at positions world [m].
 
-    build: makes the model of a given size.
+    Parameters
+    ----------
+    build
+        Makes the model of a given size.
     """
     check_shape(positions, (None, len(names), 3), "positions to fit a body to")
     positions = positions[known_joints(positions) >= FEWEST]

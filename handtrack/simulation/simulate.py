@@ -125,9 +125,19 @@ def simulate(
     progress: Callable[[int, int], None] | None = None,
     known: CustomMotion | None = None,
 ) -> Path:
-    """Write a session folder: calibration, masks, videos, exact truth and init.json. Returns the folder.
+    """Write a session folder: calibration, masks, videos, exact truth and init.json.
 
-    known: takes the place of model, motion, frames, side and scale; its size is saved in the folder. Raises HandtrackError when the folder holds something already: nothing is written over.
+    Returns the folder.
+
+    Parameters
+    ----------
+    known
+        Takes the place of model, motion, frames, side and scale; its size is saved in the folder.
+
+    Raises
+    ------
+    HandtrackError
+        When the folder holds something already: nothing is written over.
     """
     what.check()
     if folder.exists() and any(folder.iterdir()):

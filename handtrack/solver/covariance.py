@@ -26,11 +26,18 @@ def covariance(hessian: Floats[P, P]) -> tuple[Floats[P, P], Array[P, K]]:
 
 
 def inherited_information(motion: Floats[P, P], before: Floats[K, K] | None) -> Floats[P, P]:
-    """Return what a prediction tells of a pose, an inverse covariance, when the pose before is not known exactly either.
+    """Return what a prediction tells of a pose, an inverse covariance, when the pose before is not
+    known exactly either.
 
-    motion: what it would tell otherwise: the inverse of how much a frame may change. before: covariance of
-    the pose before; None where nothing is said of it. As in a Kalman filter, (M⁻¹ + C)⁻¹; written (I + M C)⁻¹ M, since M
-    says nothing of parameters that move freely.
+    As in a Kalman filter, (M⁻¹ + C)⁻¹; written (I + M C)⁻¹ M, since M says nothing of parameters
+    that move freely.
+
+    Parameters
+    ----------
+    motion
+        What it would tell otherwise: the inverse of how much a frame may change.
+    before
+        Covariance of the pose before; None where nothing is said of it.
     """
     if before is None or before.shape != motion.shape:  # that pose was another model's
         return motion
@@ -41,11 +48,19 @@ def inherited_information(motion: Floats[P, P], before: Floats[K, K] | None) -> 
 def with_lasting_errors(
     information: Floats[P, P], memory: Floats[P, P], points: Floats[P, P], lasting: float
 ) -> Floats[P, P]:
-    """Return what is known of a pose where points err alike from frame to frame, an inverse covariance.
+    """Return what is known of a pose where points err alike from frame to frame, an inverse
+    covariance.
 
-    information: as if each frame's errors were its own; memory, points: the prediction's and those points' parts of it.
-    lasting: correlation of a point's errors in two frames that follow each other. A filter that takes such errors for new
-    ones counts them twice; docs/explanation/solver.md.
+    A filter that takes such errors for new ones counts them twice; docs/explanation/solver.md.
+
+    Parameters
+    ----------
+    information
+        As if each frame's errors were its own.
+    memory, points
+        The prediction's and those points' parts of it.
+    lasting
+        Correlation of a point's errors in two frames that follow each other.
     """
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     white = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
@@ -64,11 +79,19 @@ def uncertainty(
     hessian: Floats[P, P],
     seen: Floats[P, P] | None = None,
 ) -> tuple[Floats[P, P], Floats[S], Floats[J, D3, D3]]:
-    """Return the covariance of a pose's solver parameters, the standard deviations of its joint parameters [m, rad], infinite where
-    unobservable, and the covariance of its joints' positions [m²]. hessian: of the cost ½ Σ r².
+    """Return the covariance of a pose's solver parameters, the standard deviations of its joint
+    parameters [m, rad], infinite where unobservable, and the covariance of its joints' positions
+    [m²].
 
-    seen: the observations' part of it, without priors. What only a prior holds counts as unobservable: its
-    standard deviation is infinite, though its covariance is the prior's.
+    What only a prior holds counts as unobservable: its standard deviation is infinite, though its
+    covariance is the prior's.
+
+    Parameters
+    ----------
+    hessian
+        Of the cost ½ Σ r².
+    seen
+        The observations' part of it, without priors.
     """
     cov, blind = covariance(hessian)
     if seen is not None:

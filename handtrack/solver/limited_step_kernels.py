@@ -266,9 +266,14 @@ def bounded_step(hessian, gradient, params, limits, damping):  # pragma: no cove
 
 @compiled
 def stepped(limits, params, step, longest):  # pragma: no cover - compiled
-    """Return where a step leads within the limits, and the largest change; longest: of a translation (first three), of an angle.
+    """Return where a step leads within the limits, and the largest change.
 
     A step that is too long keeps its direction.
+
+    Parameters
+    ----------
+    longest
+        Of a translation (first three), of an angle.
     """
     shorter = 1.0
     for p in range(params.shape[0]):

@@ -78,9 +78,16 @@ class Lease:
 
     @classmethod
     def acquire(cls, folder: Path, program: str, least: int = 1, take_over: bool = False) -> Lease:
-        """Return the lease of a folder that exists. Raises LeaseTaken, or OSError where nothing can be written.
+        """Return the lease of a folder that exists.
 
-        least: the generation is at least this; those below have written already. take_over: even if its holder lives.
+        Raises LeaseTaken, or OSError where nothing can be written.
+
+        Parameters
+        ----------
+        least
+            The generation is at least this; those below have written already.
+        take_over
+            Even if its holder lives.
         """
         while True:
             before = _newest(folder)

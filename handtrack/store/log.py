@@ -99,10 +99,15 @@ class LogWriter:
     def append(
         self, kind: str, data: dict[str, Any], payload: bytes = b"", durable: bool = True
     ) -> int:
-        """Write a record whole, or raise HandtrackError and leave the log as it was. Return where it begins in the file.
+        """Write a record whole, or raise HandtrackError and leave the log as it was.
 
-        durable: on disk when this returns. Otherwise the operating system has it, which outlives this program; `sync`
-        brings it to disk.
+        Return where it begins in the file.
+
+        Parameters
+        ----------
+        durable
+            On disk when this returns. Otherwise the operating system has it, which outlives this
+            program; `sync` brings it to disk.
         """
         with self._lock:
             self._check()

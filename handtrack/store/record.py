@@ -61,8 +61,12 @@ def encoded(record: Record) -> bytes:
 def scan(file: BinaryIO, payloads: bool = True) -> Iterator[Record | Gap]:
     """Yield the records of a file from its present place, and gaps where there are none.
 
-    payloads: whether the bytes of arrays are read and checked; else they are passed over, which is quick.
     Takes memory for one record.
+
+    Parameters
+    ----------
+    payloads
+        Whether the bytes of arrays are read and checked; else they are passed over, which is quick.
     """
     while True:
         begin = file.tell()

@@ -38,8 +38,14 @@ def with_span(spans: Sequence[Span], put: Span) -> tuple[Span, ...]:
 def beside_accepted(
     spans: Sequence[Span], current: Sequence[Span], accepted: Sequence[Sequence[int]]
 ) -> tuple[Span, ...]:
-    """Return spans that become current, except for accepted frames: what shows there stays. current: what shows now, each frame
-    once; accepted: half-open pairs of frames.
+    """Return spans that become current, except for accepted frames: what shows there stays.
+
+    Parameters
+    ----------
+    current
+        What shows now, each frame once.
+    accepted
+        Half-open pairs of frames.
     """
     laid = tuple(spans)
     for first, stop in accepted:

@@ -136,9 +136,14 @@ class Take:
         return [latest[frame] for frame in sorted(latest)]
 
     def frame_heads(self, damage: list[str]) -> dict[int, StoredFrame]:
-        """Return what is known of each of its frames, the latest of each. Reads and checks everything, and holds no arrays.
+        """Return what is known of each of its frames, the latest of each.
 
-        damage: gets a sentence for each part that is damaged or missing.
+        Reads and checks everything, and holds no arrays.
+
+        Parameters
+        ----------
+        damage
+            Gets a sentence for each part that is damaged or missing.
         """
         wanted, found = range(*self.about.frames), dict[int, StoredFrame]()
         for path, record in read_segments(self.folder, damage):

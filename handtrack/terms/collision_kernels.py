@@ -125,11 +125,17 @@ def _climb(delta, one, other, n, p, q):  # pragma: no cover - compiled
 
 @compiled_as_numpy
 def separation(delta, one, other, enough, n, p, q):  # pragma: no cover - compiled
-    """Return the signed distance of two ellipsoids (minus how far one must move) if it is below `enough` ≤ 0, else
-    something above that.
+    """Return the signed distance of two ellipsoids (minus how far one must move) if it is below
+    `enough` ≤ 0, else something above that.
 
-    delta: from one's centre to the other's. n: direction in which they are to be parted; p, q: the points that go
-    deepest, from either centre.
+    Parameters
+    ----------
+    delta
+        From one's centre to the other's.
+    n
+        Direction in which they are to be parted.
+    p, q
+        The points that go deepest, from either centre.
     """
     start = np.empty((2, 3))
     size = np.sqrt(delta[0] ** 2 + delta[1] ** 2 + delta[2] ** 2)

@@ -11,10 +11,14 @@ from handtrack.terms.loss import robust
 
 @compiled_as_numpy
 def keypoint_sums(frames, targets, loss, weight, sums):  # pragma: no cover - compiled
-    """Add the distances to targets to sums; return ½ weight Σ ρ, not a number where a point is behind the camera.
+    """Add the distances to targets to sums; return ½ weight Σ ρ, not a number where a point is
+    behind the camera.
 
-    targets: bones (K,), points in their frames (K, 3) [m], where they were observed (K, 2) [px] or (K, 3) [m], σ of each, in its unit, and
-    the camera's projection, (0, 4) for points in space.
+    Parameters
+    ----------
+    targets
+        Bones (K,), points in their frames (K, 3) [m], where they were observed (K, 2) [px] or (K,
+        3) [m], σ of each, in its unit, and the camera's projection, (0, 4) for points in space.
     """
     bone, local, target, deviation, camera = targets
     rows, width, o = target.shape[1], sums.width, frames.reference
@@ -58,10 +62,16 @@ def keypoint_sums(frames, targets, loss, weight, sums):  # pragma: no cover - co
 def point_velocities(
     frames, bone, point, fields, joint, scale, landmarks
 ):  # pragma: no cover - compiled
-    """Return the velocity (K, 3, N) of points by N unknowns, as `BoneFields` says, about the frames' reference.
+    """Return the velocity (K, 3, N) of points by N unknowns, as `BoneFields` says, about the
+    frames' reference.
 
-    point: (K, 3) in their bones' frames, grown [m]. joint: (K,) which of the landmarks they are, by which they move besides, `scale`
-    (B, 3) being what their bones have grown by; empty for points that are none.
+    Parameters
+    ----------
+    point
+        (K, 3) in their bones' frames, grown [m].
+    joint
+        (K,) which of the landmarks they are, by which they move besides, `scale` (B, 3) being what
+        their bones have grown by; empty for points that are none.
     """
     velocity = np.zeros((bone.shape[0], 3, fields.shape[2]))
     world = np.empty(3)

@@ -22,9 +22,13 @@ _FUSE = ("contract",)
 
 
 def written(result):
-    """Make a function that others compile with, of one that writes its code and gets `Code`, `Memory` for arrays and values.
+    """Make a function that others compile with, of one that writes its code and gets `Code`,
+    `Memory` for arrays and values.
 
-    result: the type that it returns.
+    Parameters
+    ----------
+    result
+        The type that it returns.
     """
 
     def made(write):

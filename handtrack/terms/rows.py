@@ -13,10 +13,13 @@ from handtrack.terms.bone_system import Sums
 def motion_row(
     points: Floats[N, D3], normals: Floats[N, D3], reference: Floats[D3], width: int = 6
 ) -> Floats[N, L]:
-    """Return what the motion of X's bone adds to a measurement along n at X: [n ; (X − o) × n] by its twist, [n ; n (X − o)ᵀ] by
-    its field, of twelve numbers; n alone by X's own velocity.
+    """Return what the motion of X's bone adds to a measurement along n at X: [n ; (X − o) × n] by
+    its twist, [n ; n (X − o)ᵀ] by its field, of twelve numbers; n alone by X's own velocity.
 
-    points, normals: world.
+    Parameters
+    ----------
+    points, normals
+        World.
     """
     if width == 3:
         return normals

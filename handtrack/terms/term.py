@@ -46,7 +46,10 @@ class ObservationTerm(ABC):
     def linearize(self, bones: BonePoses, fields: BoneFields | None = None) -> JointSystem:
         """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference.
 
-        fields: how N unknowns, of pose or shape, move and deform the bones; then the system is theirs.
+        Parameters
+        ----------
+        fields
+            How N unknowns, of pose or shape, move and deform the bones; then the system is theirs.
         """
         if fields is None:
             sums = Sums.zero(len(bones.position), 6)

@@ -85,10 +85,20 @@ def find_first_pose(
     settings: TrackerSettings = TrackerSettings(),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> PoseEstimate:
-    """Return a pose of a frame of a sequence to start from: they are looked at spread over all, until one shows a hand surely;
-    or the surest once four were looked at. While none shows any, the search goes on through all of them (some seconds a frame).
+    """Return a pose of a frame of a sequence to start from: they are looked at spread over all,
+    until one shows a hand surely; or the surest once four were looked at.
 
-    should_stop: asked between frames and in them. Raises HandtrackError where no hand is found.
+    While none shows any, the search goes on through all of them (some seconds a frame).
+
+    Parameters
+    ----------
+    should_stop
+        Asked between frames and in them.
+
+    Raises
+    ------
+    HandtrackError
+        Where no hand is found.
     """
     seen = [one for one in observations if not one.is_empty]
     best: PoseEstimate | None = None

@@ -36,8 +36,14 @@ def pulled(
 ) -> Floats[P]:
     """Return solver parameters, within limits, at which an observation's pins hold.
 
-    params: where the model stands. by_images: what else was seen holds the rest, in the narrowest band and from where it stands,
-    so that it follows a pull at once; otherwise the joints stay where they are at `stood` (params), as far as they can.
+    Parameters
+    ----------
+    params
+        Where the model stands.
+    by_images
+        What else was seen holds the rest, in the narrowest band and from where it stands, so that
+        it follows a pull at once; otherwise the joints stay where they are at `stood` (params), as
+        far as they can.
     """
     if by_images:
         terms = frame_terms(model, settings, seen, model.bones(params))

@@ -50,11 +50,18 @@ def tracked_by_new_share(
     segments: Iterable[tuple[int, Floats[P], range]],
     control: Control,
 ) -> Sequence[FrameResult]:
-    """Return tracked frames, ascending: tracked again, counting joints less, where most of what one camera's joints say of a frame was
-    said before (`whole.evidence.new_share`). The same where anything else was seen, there is one hypothesis, or it is stopped.
+    """Return tracked frames, ascending: tracked again, counting joints less, where most of what one
+    camera's joints say of a frame was said before (`whole.evidence.new_share`).
 
-    Hypotheses that each frame weighs as if it were the first are given up too surely: of a real person before one camera those
-    with the right limbs were. segments: first frame, its solver parameters, and frames of each.
+    The same where anything else was seen, there is one hypothesis, or it is stopped.
+
+    Hypotheses that each frame weighs as if it were the first are given up too surely: of a real
+    person before one camera those with the right limbs were.
+
+    Parameters
+    ----------
+    segments
+        First frame, its solver parameters, and frames of each.
     """
     model, settings = tracker.model, tracker.settings
     if settings.tracker.hypotheses < 2 or settings.traits.closest_prior:
@@ -83,11 +90,18 @@ def refine_recording(
     changed: Sequence[int] | None = None,
     pinned: Mapping[int, Floats[P]] | None = None,
 ) -> list[FrameResult]:
-    """Return tracked frames, ascending, refined together; held: solver parameters of frames that a person posed, which stay
-    so; pinned: of frames where a person's pins led.
+    """Return tracked frames, ascending, refined together.
 
-    changed: at which frames such were set or let go since the frames were refined; only what those touch is done, and
-    returned. None: everything, and what may be found of the person, the tracker's `subject`.
+    Parameters
+    ----------
+    held
+        Solver parameters of frames that a person posed, which stay so.
+    pinned
+        Of frames where a person's pins led.
+    changed
+        At which frames such were set or let go since the frames were refined; only what those touch
+        is done, and returned. None: everything, and what may be found of the person, the tracker's
+        `subject`.
     """
     model, settings = tracker.model, tracker.settings
     seen = observe
@@ -119,14 +133,19 @@ def track_frames(
     control: Control = Control(),
     done: Sequence[Step] = (),
 ) -> Iterator[FrameResult]:
-    """Yield a result for every frame of `frames`, in the order of tracking: the live pass, in which each knows those before.
+    """Yield a result for every frame of `frames`, in the order of tracking: the live pass, in which
+    each knows those before.
 
-    The start frame comes first, then the later ones, then the earlier ones backward from it. When the start
-    lies outside `frames`, it is still solved there first, so that the path to the range is tracked, but only
-    the range is yielded. A step cut short by `control.should_stop` is not yielded.
+    The start frame comes first, then the later ones, then the earlier ones backward from it. When
+    the start lies outside `frames`, it is still solved there first, so that the path to the range
+    is tracked, but only the range is yielded. A step cut short by `control.should_stop` is not
+    yielded.
 
-    done: what `control.on_step` was told of the same tracking before it was stopped. It goes on where these end, as it
-    would have; they are not yielded again.
+    Parameters
+    ----------
+    done
+        What `control.on_step` was told of the same tracking before it was stopped. It goes on where
+        these end, as it would have; they are not yielded again.
     """
     if (show := control.on_provisional) is not None:
         control = replace(control, on_provisional=lambda r: r.frame in frames and show(r))

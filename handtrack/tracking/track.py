@@ -36,10 +36,21 @@ def track(
 ) -> TrackResult:
     """Return the tracked sequence: frame after frame, then refined together as the settings say.
 
-    observations: in any order, each frame once, or a single one; frames between that are missing are frames in which nothing was seen. start:
-    solver parameters of the first frame; found by itself where None (hands only). terms, priors: costs of one's own, of bone
-    poses and of joint parameters (docs/contributing/adding_a_term.md). Raises HandtrackError where there is nothing to track, or no first
-    pose is found.
+    Parameters
+    ----------
+    observations
+        In any order, each frame once, or a single one; frames between that are missing are frames
+        in which nothing was seen.
+    start
+        Solver parameters of the first frame; found by itself where None (hands only).
+    terms, priors
+        Costs of one's own, of bone poses and of joint parameters
+        (docs/contributing/adding_a_term.md).
+
+    Raises
+    ------
+    HandtrackError
+        Where there is nothing to track, or no first pose is found.
     """
     single = isinstance(observations, Observation)
     given = [observations] if single else list(observations)  # pyright: ignore[reportArgumentType]

@@ -52,8 +52,11 @@ class Tracker:
     ) -> tuple[TrackerState, FrameResult]:
         """Return the state after a frame, and the frame's result.
 
-        state: `TrackerState.beginning_at(pose)` for a first frame, then the one that was returned last. A step that is
-        stopped returns what it has; its state is not to be stepped from.
+        Parameters
+        ----------
+        state
+            `TrackerState.beginning_at(pose)` for a first frame, then the one that was returned
+            last. A step that is stopped returns what it has; its state is not to be stepped from.
         """
         after, solved = self._stepped(state, observation, control)
         return after, solved.result

@@ -46,7 +46,10 @@ def find_board(
 ) -> BoardView | None:
     """Return the board in an image (H, W[, 3]) uint8, None where it is not (fully) seen.
 
-    thorough: take a second or two an image for hard ones: blurred, or lit unevenly.
+    Parameters
+    ----------
+    thorough
+        Take a second or two an image for hard ones: blurred, or lit unevenly.
     """
     gray: Bytes = (
         image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
@@ -257,7 +260,15 @@ def search_views(
 ) -> tuple[list[BoardView], tuple[int, int] | None, int]:
     """Return the views of the board in a source, the image size and how many images there were.
 
-    progress: called after each image; it may raise to stop. Raises HandtrackError when images of one camera differ in size.
+    Parameters
+    ----------
+    progress
+        Called after each image; it may raise to stop.
+
+    Raises
+    ------
+    HandtrackError
+        When images of one camera differ in size.
     """
     frames = [frame for frame in frames if source.has(frame)]
     thorough = len(frames) <= _THOROUGH_UP_TO
@@ -380,7 +391,10 @@ def require_views(
 ) -> None:
     """Raise HandtrackError when a camera never saw the board, or it is larger than was said.
 
-    images: gives a few images in which a board of another size is looked for.
+    Parameters
+    ----------
+    images
+        Gives a few images in which a board of another size is looked for.
     """
     for camera in cameras:
         views = camera.views

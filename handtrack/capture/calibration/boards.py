@@ -183,7 +183,10 @@ _TEXT_MM = 3.5
 def write_board(path: Path, board: Board, dpi: float) -> tuple[float, float]:
     """Write a board to an SVG, PDF or PNG file in true size; return the page's size (w, h) [mm].
 
-    dpi: of a PNG, whose edges are shaded to a quarter of a pixel; SVG and PDF are exact.
+    Parameters
+    ----------
+    dpi
+        Of a PNG, whose edges are shaded to a quarter of a pixel; SVG and PDF are exact.
     """
     writers = {".svg": _svg, ".pdf": _pdf, ".png": lambda b: _png(b, dpi)}
     writer = writers.get(path.suffix.lower())

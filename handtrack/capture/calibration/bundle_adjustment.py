@@ -71,7 +71,10 @@ def residuals(state: RigState, corners: Corners) -> Floats[M, D2]:
 def refine(start: RigState, corners: Corners, free_lens: Array[C, D9]) -> Refined:
     """Return the least-squares state from a start; all cameras but the first move, all views move.
 
-    free_lens: bool, which lens numbers are estimated.
+    Parameters
+    ----------
+    free_lens
+        bool, which lens numbers are estimated.
     """
     free_camera = np.arange(len(start.camera)) > 0
     free = np.concatenate(

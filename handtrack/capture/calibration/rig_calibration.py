@@ -411,7 +411,12 @@ def frame_offset(
 ) -> int | None:
     """Return by how many frames the second camera seems to be late, None when no shift explains it.
 
-    a, b: T_camera_board by frame. With frames rightly matched, all views agree on the cameras' places.
+    With frames rightly matched, all views agree on the cameras' places.
+
+    Parameters
+    ----------
+    a, b
+        T_camera_board by frame.
     """
     turns = _turn_transforms(board)
     found: dict[int, float] = {}
@@ -559,11 +564,17 @@ def camera_report(
     refined: Refined,
     index: int,
 ) -> dict[str, Any]:
-    """Return one camera's lens and how well its views fit; left: residuals of each view, shared ones first.
+    """Return one camera's lens and how well its views fit.
 
-    `rms_px` is of all corners after the joint refinement, `rms_alone_px` of its lens fitted alone: much smaller means that cameras
-    disagree. `coverage` is the share of the image's cells in which there is a corner. Of `lens_std`, 0 is held fixed; `skew_px` would
-    fit, but is held at 0. A view that is `alone` is for the lens, not shared with other cameras.
+    `rms_px` is of all corners after the joint refinement, `rms_alone_px` of its lens fitted alone:
+    much smaller means that cameras disagree. `coverage` is the share of the image's cells in which
+    there is a corner. Of `lens_std`, 0 is held fixed; `skew_px` would fit, but is held at 0. A view
+    that is `alone` is for the lens, not shared with other cameras.
+
+    Parameters
+    ----------
+    left
+        Residuals of each view, shared ones first.
     """
     views = used.views
     pixels = np.concatenate([view.pixels for view in views])

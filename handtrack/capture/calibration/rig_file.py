@@ -22,8 +22,15 @@ _KEYS = ("name", "size", "matrix", "distortions", "rotation", "translation")
 def read_rig(path: Path, world_unit_m: float = 1.0) -> CameraRig:
     """Return the cameras of a calibration file, translations in metres.
 
-    world_unit_m: metres in one unit of the file. Raises HandtrackError naming the file and the
-    camera.
+    Parameters
+    ----------
+    world_unit_m
+        Metres in one unit of the file.
+
+    Raises
+    ------
+    HandtrackError
+        Naming the file and the camera.
     """
     tables = read_toml(Path(path), "the camera calibration")
     found = {name: t for name, t in tables.items() if _is_camera(t)}

@@ -37,8 +37,13 @@ def draw_calibration(calibration: RigCalibration, board: Board) -> Array[H, W, D
 def draw_rig(
     rig: CameraRig, lines: Sequence[Floats[N, D3]], odd: Collection[str] = ()
 ) -> Array[H, W, D3]:
-    """Return a picture BGR of cameras and of lines in space, world [m]: from behind the first camera, from its side and from
-    above it. odd: cameras that are drawn in orange.
+    """Return a picture BGR of cameras and of lines in space, world [m]: from behind the first
+    camera, from its side and from above it.
+
+    Parameters
+    ----------
+    odd
+        Cameras that are drawn in orange.
     """
     first = rig.cameras[0]
     tilted = rotation_matrix(np.array([0.45, 0, 0])) @ rotation_matrix(np.array([0, 0.5, 0]))

@@ -25,11 +25,21 @@ _LARGE_M = 20.0  # no camera sees a hand in a cloud of that extent
 
 
 def read_cloud(path: Path, world_unit_m: float = 1.0) -> tuple[PointCloud, tuple[str, ...]]:
-    """Return the cloud of a .ply or .npz file (`points` (N, 3), optional `colors` (N, 3)), and what was odd about it, in sentences.
+    """Return the cloud of a .ply or .npz file (`points` (N, 3), optional `colors` (N, 3)), and what
+    was odd about it, in sentences.
 
-    world_unit_m: metres in one unit of the file. Points that are not finite are dropped; of more
-    than a million an even part is kept; an extent above 20 m is asked about. Raises
-    HandtrackError for a file that cannot be read.
+    Points that are not finite are dropped; of more than a million an even part is kept; an extent
+    above 20 m is asked about.
+
+    Parameters
+    ----------
+    world_unit_m
+        Metres in one unit of the file.
+
+    Raises
+    ------
+    HandtrackError
+        For a file that cannot be read.
     """
     reader = _read_npz if _suffix(path) == ".npz" else read_ply
     points, colors, count = reader(path, MOST_POINTS)

@@ -140,8 +140,12 @@ class CloudFilters:
     ) -> tuple[PointCloud, tuple[FilterReport, ...]]:
         """Return the hand's points, and what each filter did, in order.
 
-        hand_distance: of the frame before; None skips the crop. centres: world [m], the
-        cameras' centres; None skips what depends on the distance to them.
+        Parameters
+        ----------
+        hand_distance
+            Of the frame before; None skips the crop.
+        centres
+            World [m], the cameras' centres; None skips what depends on the distance to them.
         """
         fate, reports = self.dropped_by(cloud, hand_distance, centres)
         return cloud.select(fate == len(reports)), reports
@@ -249,12 +253,16 @@ def nearest_part(
     front_m: float | None = None,
     hand_distance: HandDistance | None = None,
 ) -> Array[N]:
-    """Return which points belong to the part nearest to a camera at `centres`; of a hand known beforehand, to the part that has most
-    points about it, and to those nearer.
+    """Return which points belong to the part nearest to a camera at `centres`; of a hand known
+    beforehand, to the part that has most points about it, and to those nearer.
 
     Parts with less than a fiftieth of the points are not chosen; a part's distance is that of its
-    nearest hundredth. front_m: of that part, only what hangs together within front_m behind this
-    distance [m] stays.
+    nearest hundredth.
+
+    Parameters
+    ----------
+    front_m
+        Of that part, only what hangs together within front_m behind this distance [m] stays.
     """
     distance = np.min([np.linalg.norm(points - centre, axis=1) for centre in centres], axis=0)
     about = np.zeros(len(points), bool)

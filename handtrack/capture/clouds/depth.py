@@ -59,8 +59,21 @@ def depth_cloud(
 ) -> PointCloud:
     """Return the points of a depth image [m] in the world frame.
 
-    Depth is z in the camera, as depth cameras give it; 0 is no measurement. mask: only
-    pixels > 0 are used. image: uint8 BGR in the same pixels, for colours. support: see `surface_pixels`. Raises HandtrackError when a size differs from the camera's.
+    Depth is z in the camera, as depth cameras give it; 0 is no measurement.
+
+    Parameters
+    ----------
+    mask
+        Only pixels > 0 are used.
+    image
+        uint8 BGR in the same pixels, for colours.
+    support
+        See `surface_pixels`.
+
+    Raises
+    ------
+    HandtrackError
+        When a size differs from the camera's.
     """
     width, height = camera.size
     check_shape(depth_m, (height, width), f"depth of camera '{camera.name}'")

@@ -20,10 +20,15 @@ def correlate(
     most: int,
     window_px: int,
 ) -> tuple[Array[H, W], Array[H, W]]:
-    """Return the disparities of two rectified grey images uint8, left x is right x − d: of the left pixels, between whole pixels, and
-    of the right ones, whole; float32, NaN where none.
+    """Return the disparities of two rectified grey images uint8, left x is right x − d: of the left
+    pixels, between whole pixels, and of the right ones, whole; float32, NaN where none.
 
-    least, most: range of d searched [px], both included. Memory does not grow with the range.
+    Memory does not grow with the range.
+
+    Parameters
+    ----------
+    least, most
+        Range of d searched [px], both included.
     """
     size = (window_px, window_px)
     (a, mean_a, scale_a), (b, mean_b, scale_b) = (_statistics(i, size) for i in (left, right))
@@ -165,11 +170,15 @@ def matches(
     most: int,
     settings: StereoSettings,
 ) -> tuple[Array[H, W], Bytes[H, W]]:
-    """Return the disparity float32 [px] of the left pixels, NaN where there is no match that both directions agree on, and why
-    other matches were thrown away, by number in REJECTED.
+    """Return the disparity float32 [px] of the left pixels, NaN where there is no match that both
+    directions agree on, and why other matches were thrown away, by number in REJECTED.
 
-    left, right: rectified BGR (H, W, 3) or grey uint8 of one size; left (x, y) is right (x − d, y). least, most: range of d
-    searched, both included; may be negative.
+    Parameters
+    ----------
+    left, right
+        Rectified BGR (H, W, 3) or grey uint8 of one size; left (x, y) is right (x − d, y).
+    least, most
+        Range of d searched, both included; may be negative.
     """
     if settings.method == "correlation":
         found, back = correlate(_grey(left), _grey(right), least, most, settings.window)

@@ -84,10 +84,17 @@ class RectifiedPair:
         linear: bool = True,
         along_level_lines: bool = False,
     ) -> Array[K, L, *Axes]:
-        """Return an image (H, W) or (H, W, 3) of a real camera as the virtual one sees it. side: 0 left, 1 right.
+        """Return an image (H, W) or (H, W, 3) of a real camera as the virtual one sees it.
 
-        linear: interpolate, and repeat the border outside, which makes no edges; false for masks,
-        0 outside. along_level_lines: interpolate by the 2004 paper's rule (§2.2) instead of bilinearly.
+        Parameters
+        ----------
+        side
+            0 left, 1 right.
+        linear
+            Interpolate, and repeat the border outside, which makes no edges; false for masks, 0
+            outside.
+        along_level_lines
+            Interpolate by the 2004 paper's rule (§2.2) instead of bilinearly.
         """
         source = self.source[side]
         if linear and along_level_lines:

@@ -265,9 +265,18 @@ class ImageFiles:
 
 
 def announced_size(data: bytes, where: str) -> tuple[int, int] | None:
-    """Return width, height [px] as an image file announces them; None of files that say it in no way known here.
+    """Return width, height [px] as an image file announces them; None of files that say it in no
+    way known here.
 
-    where: the file, for errors. Raises HandtrackError for a picture so large that Pillow takes it for an attack.
+    Parameters
+    ----------
+    where
+        The file, for errors.
+
+    Raises
+    ------
+    HandtrackError
+        For a picture so large that Pillow takes it for an attack.
     """
     from PIL import Image  # looks at the head of a file; OpenCV decodes it
 

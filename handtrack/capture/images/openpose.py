@@ -149,8 +149,12 @@ def _values(person: Any, layout: Layout, who: str) -> tuple[str, Sequence[Any]]:
 def write_points(path: Path, points: Floats[K, D3] | None, layout: Layout, writer: str) -> None:
     """Write one hand's or person's points, or that none was found, as OpenPose does.
 
-    points: column and row [px], confidence; where that is 0 the point counts as missing. writer: a mark that `written_by`
-    finds again.
+    Parameters
+    ----------
+    points
+        Column and row [px], confidence; where that is 0 the point counts as missing.
+    writer
+        A mark that `written_by` finds again.
     """
     people = []
     if points is not None:

@@ -31,9 +31,19 @@ _PLACES = ((0, 0), (0, 1), (1, 0), (1, 1))
 def demosaic(mosaic: Array[H, W], pattern: str, method: str = "library") -> Array[H, W, D3]:
     """Return the colour image BGR of a raw mosaic, uint8 or uint16, same type.
 
-    pattern: colours of the first 2 x 2 pixels, row by row. Methods: `library` (OpenCV's edge-aware one),
-    `library_vng` (8 bit only), `bilinear`, `level_line` (the paper's), `level_line_hue` (its green, and
-    red and blue by their differences to it: our extension). Raises HandtrackError for what is no mosaic.
+    Methods: `library` (OpenCV's edge-aware one), `library_vng` (8 bit only), `bilinear`,
+    `level_line` (the paper's), `level_line_hue` (its green, and red and blue by their differences
+    to it: our extension).
+
+    Parameters
+    ----------
+    pattern
+        Colours of the first 2 x 2 pixels, row by row.
+
+    Raises
+    ------
+    HandtrackError
+        For what is no mosaic.
     """
     check_mosaic(mosaic, pattern)
     if method in ("library", "library_vng"):

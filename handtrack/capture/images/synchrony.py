@@ -86,10 +86,13 @@ class ImageMotion:
 
 
 def plane_angles(camera: Camera, other: Camera, pixels: Floats[*Axes, D2]) -> Floats[*Axes]:
-    """Return (...) the angle of each pixel's plane through both centres [rad]; NaN where the lens shows nothing, or the
-    centres are one.
+    """Return (...) the angle of each pixel's plane through both centres [rad]; NaN where the lens
+    shows nothing, or the centres are one.
 
-    pixels: of the camera's real image. 0 is where the two look on average.
+    Parameters
+    ----------
+    pixels
+        Of the camera's real image. 0 is where the two look on average.
     """
     first, second = sorted((camera, other), key=lambda c: c.name)  # one line, one zero for both
     line = second.centre - first.centre
@@ -114,11 +117,17 @@ def _grid(camera: Camera, shape: tuple[int, ...]) -> Floats:
 
 
 def time_offsets(motions: Sequence[tuple[ImageMotion, ImageMotion]]) -> dict[int, TimeOffset]:
-    """Return the offset of each camera, by its place, that can be compared with most others; none where nothing tells.
+    """Return the offset of each camera, by its place, that can be compared with most others; none
+    where nothing tells.
 
-    motions: of each camera, in two stretches. The offsets o of all cameras together maximise the sum over pairs of how well what
-    moves agrees at the lag o_k − o_i, so that one pair may err. Compared are neighbours in the order of the cameras, and all pairs
-    of up to seven.
+    The offsets o of all cameras together maximise the sum over pairs of how well what moves agrees
+    at the lag o_k − o_i, so that one pair may err. Compared are neighbours in the order of the
+    cameras, and all pairs of up to seven.
+
+    Parameters
+    ----------
+    motions
+        Of each camera, in two stretches.
     """
     from scipy.sparse.csgraph import connected_components
 

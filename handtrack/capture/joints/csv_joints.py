@@ -47,9 +47,18 @@ _NUMBER = re.compile(
 
 
 def read_csv_joints(text: str, where: str, names: Names, camera: str) -> ImportedJoints | None:
-    """Return the joints of a table; None for one without a header of points. Raises HandtrackError.
+    """Return the joints of a table; None for one without a header of points.
 
-    names: our names of the file's own. camera: whose joints they are, where a file has those of all cameras.
+    Parameters
+    ----------
+    names
+        Our names of the file's own.
+    camera
+        Whose joints they are, where a file has those of all cameras.
+
+    Raises
+    ------
+    HandtrackError
     """
     rows = [row for row in read_rows(text, where) if any(row)]
     if len(rows) < 2:
@@ -86,9 +95,17 @@ def table_joints(
     where: str,
     layout: str | None = None,
 ) -> ImportedJoints:
-    """Return joints from points by name: a hand's, a body's, or both. columns: (F, N, 3), column, row [px], confidence.
+    """Return joints from points by name: a hand's, a body's, or both.
 
-    Raises HandtrackError where they are neither's.
+    Parameters
+    ----------
+    columns
+        (F, N, 3), column, row [px], confidence.
+
+    Raises
+    ------
+    HandtrackError
+        Where they are neither's.
     """
     bodies = bodies_of_table(names, columns[:, None], frames, where)
     if bodies is not None and bodies.layout is None:  # numbered, and not as a hand's are
@@ -312,7 +329,11 @@ def _columns(rows: list[list[str]], places: Sequence[_Places], where: str) -> Fl
 def columns_of(values: Floats[F, M], places: Sequence[_Places]) -> Floats[F, N, D3]:
     """Return column, row [px] and confidence of points, from a table's numbers.
 
-    places: in which of its columns those of each point are; without one the confidence is 1, in an empty cell 0.
+    Parameters
+    ----------
+    places
+        In which of its columns those of each point are; without one the confidence is 1, in an
+        empty cell 0.
     """
     count = len(values)
     padded = np.column_stack([values, np.ones(count), np.full(count, np.nan)])

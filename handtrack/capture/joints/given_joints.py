@@ -146,9 +146,13 @@ def frame_of(value: float, where: str) -> int:
 
 
 def in_pixels(hand: Floats[N, D3], size: tuple[int, int]) -> Floats[N, D3]:
-    """Return points given as shares of an image, from edge to edge, in pixels, which count from the first one's centre.
+    """Return points given as shares of an image, from edge to edge, in pixels, which count from the
+    first one's centre.
 
-    size: width, height [px].
+    Parameters
+    ----------
+    size
+        Width, height [px].
     """
     points = hand.copy()
     points[:, :2] = points[:, :2] * size - 0.5
@@ -207,11 +211,18 @@ def checked_bodies(
 def layout_of(
     bodies: ImportedBodies, said: str | None, where: str, likely: str | None = None
 ) -> str:
-    """Return the name of the layout of a file's points: as the user said, else the one that makes bodies of them.
+    """Return the name of the layout of a file's points: as the user said, else the one that makes
+    bodies of them.
 
-    likely: taken where that leaves it open.
+    Parameters
+    ----------
+    likely
+        Taken where that leaves it open.
 
-    Raises HandtrackError where none does, or several do and nobody said which.
+    Raises
+    ------
+    HandtrackError
+        Where none does, or several do and nobody said which.
     """
     if bodies.layout is not None:
         return bodies.layout

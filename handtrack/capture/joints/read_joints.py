@@ -28,8 +28,17 @@ def read_joints(
 ) -> ImportedJoints:
     """Return the joints of a file, a folder or a pattern of files.
 
-    names: our names (`index_tip`) of a table's own points (`D2_tip`). camera: the name of the camera, by whose number it is found
-    where a file has all. Raises HandtrackError, naming what is accepted; UnknownPoints for a table whose points are no hand's.
+    Parameters
+    ----------
+    names
+        Our names (`index_tip`) of a table's own points (`D2_tip`).
+    camera
+        The name of the camera, by whose number it is found where a file has all.
+
+    Raises
+    ------
+    HandtrackError
+        Naming what is accepted; UnknownPoints for a table whose points are no hand's.
     """
     given = names or {}
     path = Path(text)

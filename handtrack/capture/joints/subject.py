@@ -66,10 +66,17 @@ def subject_length(
     layouts: Mapping[str, Layout],
     subject: Subject,
 ) -> float | None:
-    """Return its length along the bones, in the rig's unit, the median of some frames and of its chains.
+    """Return its length along the bones, in the rig's unit, the median of some frames and of its
+    chains.
 
-    joints: by camera and frame, [px] in the image as it was taken; layouts: of each camera's. None where no frame has all of a
-    chain in two cameras.
+    None where no frame has all of a chain in two cameras.
+
+    Parameters
+    ----------
+    joints
+        By camera and frame, [px] in the image as it was taken.
+    layouts
+        Of each camera's.
     """
     every = sorted({frame for frames in joints.values() for frame in frames})
     lengths = []

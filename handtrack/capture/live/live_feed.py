@@ -20,10 +20,21 @@ _USUAL_FPS = 30.0
 def open_device(
     device: str, size: tuple[int, int], where: str, rate: float, fps: float | None
 ) -> Device:
-    """Return the device of an index such as `0`, of a path such as /dev/video2 or an address, or of a video file.
+    """Return the device of an index such as `0`, of a path such as /dev/video2 or an address, or of
+    a video file.
 
-    size: width, height [px] to ask a device for. rate: how many times faster than its pace a file is played. fps: images
-    a second to ask a device for. Raises HandtrackError.
+    Parameters
+    ----------
+    size
+        Width, height [px] to ask a device for.
+    rate
+        How many times faster than its pace a file is played.
+    fps
+        Images a second to ask a device for.
+
+    Raises
+    ------
+    HandtrackError
     """
     is_file = Path(device).is_file()
     is_index = device.isdecimal() and not is_file

@@ -102,8 +102,14 @@ def seeds_of_outline(
 ) -> HandSeeds | None:
     """Return seeds of a model's outline, which is known to `off_m` [m].
 
-    drawn: 255 where the image shows the model, else 0. wrist, knuckles: where they are in the image [px]. None where the model is
-    out of sight.
+    None where the model is out of sight.
+
+    Parameters
+    ----------
+    drawn
+        255 where the image shows the model, else 0.
+    wrist, knuckles
+        Where they are in the image [px].
     """
     inside_px = _inside(drawn).astype(float)
     rows, columns = np.nonzero(inside_px > 0)

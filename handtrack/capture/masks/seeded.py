@@ -303,9 +303,13 @@ def bins_of(channels: Array[H, W, D3]) -> Array[H, W]:
 
 
 def smoothed(values: Floats[H, W], guide: Floats[H, W], radius: int) -> Floats[H, W]:
-    """Return values averaged over squares of 2 radius + 1, but not across edges of the guide (He, Sun & Tang 2010).
+    """Return values averaged over squares of 2 radius + 1, but not across edges of the guide (He,
+    Sun & Tang 2010).
 
-    guide: in units of the noise that is no edge.
+    Parameters
+    ----------
+    guide
+        In units of the noise that is no edge.
     """
     side = (2 * radius + 1,) * 2
 

@@ -257,7 +257,15 @@ METHODS: dict[str, type[MaskMethod]] = {kind.name: kind for kind in get_args(Mas
 def read_mask_method(table: Any, where: str) -> MaskMethod:
     """Return the mask method of an inline table `{ method = "...", ... }`.
 
-    where: file and table for the errors. Raises HandtrackError naming the known methods or keys.
+    Parameters
+    ----------
+    where
+        File and table for the errors.
+
+    Raises
+    ------
+    HandtrackError
+        Naming the known methods or keys.
     """
     name = required(checked_table(table, where), "method", where)
     if name not in tuple(METHODS):

@@ -163,8 +163,14 @@ class _Buffer:
     def add(
         self, values: Array[*Axes], kind: int, bounds: bool = False, target: int | None = None
     ) -> int:
-        """Return the number of the accessor of an array. bounds: say the least and the largest, where glTF asks for them; target:
-        what a mesh's are for.
+        """Return the number of the accessor of an array.
+
+        Parameters
+        ----------
+        bounds
+            Say the least and the largest, where glTF asks for them.
+        target
+            What a mesh's are for.
         """
         types = {_UINT8: np.uint8, _UINT32: np.uint32, _FLOAT32: np.float32}
         array = np.ascontiguousarray(values, types[kind])

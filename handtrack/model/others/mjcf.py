@@ -68,8 +68,14 @@ class _Robot:
     def links(
         self, body: _Element, parent: str | None, anchor: Floats[D3], kind: str
     ) -> Iterator[Link]:
-        """Yield a body's link and those below it. anchor: where its parent's hinges are, in the parent's body frame [m]; kind: the
-        class of what names none.
+        """Yield a body's link and those below it.
+
+        Parameters
+        ----------
+        anchor
+            Where its parent's hinges are, in the parent's body frame [m].
+        kind
+            The class of what names none.
         """
         kind = body.get("childclass", kind)
         name = body.get("name") or f"body{list(self.root.iter('body')).index(body)}"

@@ -81,10 +81,23 @@ def hinge(
 
 
 def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any]:
-    """Return a definition's tables (docs/reference/definitions.md), the root link's frame as the hand's. Parents come first.
+    """Return a definition's tables (docs/reference/definitions.md), the root link's frame as the
+    hand's.
 
-    Links that cannot turn belong to what they stand on; those without a shape are named joints there, as fingertips are in
-    many files. where: names the file in errors. Raises HandtrackError where nothing turns, or nothing has a shape.
+    Parents come first.
+
+    Links that cannot turn belong to what they stand on; those without a shape are named joints
+    there, as fingertips are in many files.
+
+    Parameters
+    ----------
+    where
+        Names the file in errors.
+
+    Raises
+    ------
+    HandtrackError
+        Where nothing turns, or nothing has a shape.
     """
     _check(links, where)
     place, turn, carrier = _zero_pose(links)
@@ -245,9 +258,17 @@ def read_root(path: Path, tag: str, what: str) -> ElementTree.Element:
 def numbers(
     given: Mapping[str, str], key: str, default: Sequence[float] | None, path: Path, count: int = 0
 ) -> Floats[*Axes]:
-    """Return an attribute's numbers; the default where it is not given. Raises HandtrackError for what is none.
+    """Return an attribute's numbers; the default where it is not given.
 
-    count: how many are expected; 0: as many as there are.
+    Parameters
+    ----------
+    count
+        How many are expected; 0: as many as there are.
+
+    Raises
+    ------
+    HandtrackError
+        For what is none.
     """
     text = given.get(key)
     if text is None:

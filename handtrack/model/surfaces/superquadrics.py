@@ -43,7 +43,12 @@ class Superquadrics:
     def mesh(self, around: int = 16, along: int = 12) -> PartMesh:
         """Return all parts as closed meshes on a grid of latitudes and longitudes.
 
-        around: points on a circle of latitude; along: steps from end to end.
+        Parameters
+        ----------
+        around
+            Points on a circle of latitude.
+        along
+            Steps from end to end.
         """
         unit_faces = grid_faces(around, along)
         count = 2 + (along - 1) * around

@@ -20,9 +20,13 @@ MOST_NODES = 16_000_000
 
 @lru_cache(maxsize=8)
 def relaxed_mesh(model: ArticulatedModel, sharpness: float, form: str) -> PartMesh:
-    """Return the mesh of the relaxed hand or body, meshed once: bones carry its parts rigidly, creases neglected.
+    """Return the mesh of the relaxed hand or body, meshed once: bones carry its parts rigidly,
+    creases neglected.
 
-    sharpness, form: of the metaball surface, see there.
+    Parameters
+    ----------
+    sharpness, form
+        Of the metaball surface, see there.
     """
     surface = MetaballSurface.of(model, sharpness, form)
     return surface_mesh(surface, model.bones(model.rest_params()))

@@ -51,9 +51,17 @@ class FirstPose:
 
 
 def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) -> FirstPose:
-    """Return the pose of an init.json. parameter_names: the model's, None to accept any.
+    """Return the pose of an init.json.
 
-    Raises HandtrackError naming the row or parameter that is wrong.
+    Parameters
+    ----------
+    parameter_names
+        The model's, None to accept any.
+
+    Raises
+    ------
+    HandtrackError
+        Naming the row or parameter that is wrong.
     """
     data = read_json(path, f"a first pose such as {_PARAMETERS_FORM}")
     if not isinstance(data, dict):

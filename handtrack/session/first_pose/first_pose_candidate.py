@@ -94,9 +94,18 @@ def poses_from_images(
 ) -> list[FirstPoseCandidate]:
     """Return the poses that joints in images may mean, the surest first.
 
-    Where two cameras agree on most joints there is one, the points in space. Otherwise fingers may bend to or from the
-    camera: silhouettes and cloud of the frame decide as far as there are any. model: a hand with all joints.
-    Raises HandtrackError for a camera that the session does not have, and for too few joints.
+    Where two cameras agree on most joints there is one, the points in space. Otherwise fingers may
+    bend to or from the camera: silhouettes and cloud of the frame decide as far as there are any.
+
+    Parameters
+    ----------
+    model
+        A hand with all joints.
+
+    Raises
+    ------
+    HandtrackError
+        For a camera that the session does not have, and for too few joints.
     """
     images = image_keypoints(session, settings, first)
     placed = pose_in_space(settings, model, first.frame, images)
@@ -138,9 +147,13 @@ def pose_in_space(
     frame: int,
     images: Sequence[ImageKeypoints],
 ) -> FirstPoseCandidate | None:
-    """Return the pose that joints in a frame's undistorted images say, where two cameras or more agree on most; else None.
+    """Return the pose that joints in a frame's undistorted images say, where two cameras or more
+    agree on most; else None.
 
-    model: a hand with all joints, or a body.
+    Parameters
+    ----------
+    model
+        A hand with all joints, or a body.
     """
     known = in_space(model, images, settings.keypoints.sigma_mm * 1e-3)
     if known is None:

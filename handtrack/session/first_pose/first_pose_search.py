@@ -51,10 +51,20 @@ def find_first_poses(
 ) -> list[FirstPoseCandidate]:
     """Return first poses of one frame, the surest first; empty where no hand was found.
 
-    frame: that one; or the surest of a few frames of a range, of all frames where None. Looks at joints on
-    which two cameras agree, the session's or what the hand detector sees in the images, where its weights are there; else at
-    silhouettes and clouds, as far as the settings use them; where there are none, and for a body, at the joints of one camera,
-    which leave several poses open. What init.json says does not matter. Raises HandtrackError for a body without joints.
+    Looks at joints on which two cameras agree, the session's or what the hand detector sees in the
+    images, where its weights are there; else at silhouettes and clouds, as far as the settings use
+    them; where there are none, and for a body, at the joints of one camera, which leave several
+    poses open. What init.json says does not matter.
+
+    Parameters
+    ----------
+    frame
+        That one; or the surest of a few frames of a range, of all frames where None.
+
+    Raises
+    ------
+    HandtrackError
+        For a body without joints.
     """
     _check_that_it_can_be_found(run)
     tell = on_progress or (lambda share, text: None)

@@ -42,7 +42,15 @@ _LIKELY_M = (
 def import_truth(path: Path, side: str) -> tuple[Truth, str]:
     """Return the truth of truth.npz, TRC, C3D or CSV, and what was left out, in a sentence or none.
 
-    side: of the hand, where the file has both. Raises HandtrackError where the unit cannot be known, or no hand is in it.
+    Parameters
+    ----------
+    side
+        Of the hand, where the file has both.
+
+    Raises
+    ------
+    HandtrackError
+        Where the unit cannot be known, or no hand is in it.
     """
     if path.is_file() and first_bytes(path)[:4] == b"PK\3\4":
         return read_truth(path), ""

@@ -58,10 +58,18 @@ class FrameTimes:
 
 
 def read_timestamps(path: Path, rates: Mapping[str, float | None]) -> dict[str, FrameTimes]:
-    """Return the times by camera of a csv with the columns camera, frame, time_s, of those that are in it.
+    """Return the times by camera of a csv with the columns camera, frame, time_s, of those that are
+    in it.
 
-    rates: frames a second of each of the session's cameras, None where only the times tell. Raises HandtrackError naming
-    the line.
+    Parameters
+    ----------
+    rates
+        Frames a second of each of the session's cameras, None where only the times tell.
+
+    Raises
+    ------
+    HandtrackError
+        Naming the line.
     """
     cameras = tuple(rates)
     times: dict[str, dict[int, float]] = {}

@@ -111,9 +111,20 @@ def open_live(
 ) -> LiveSession:
     """Return a session of running cameras, with the settings and the calibration of a folder.
 
-    The folder may be a session, or hold a calibration.toml only. devices: by camera; none: the cameras of the session are
-    the devices 0, 1, 2 … in their order. tolerance_s: how far apart the images of one frame may be. rate: how many times
-    faster than their pace video files are played. Raises HandtrackError.
+    The folder may be a session, or hold a calibration.toml only.
+
+    Parameters
+    ----------
+    devices
+        By camera; none: the cameras of the session are the devices 0, 1, 2 … in their order.
+    tolerance_s
+        How far apart the images of one frame may be.
+    rate
+        How many times faster than their pace video files are played.
+
+    Raises
+    ------
+    HandtrackError
     """
     folder = Path(folder)
     file, rig = _settings(folder)

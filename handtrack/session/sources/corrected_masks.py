@@ -46,9 +46,13 @@ class CorrectedMasks:
         return None if content is None else decoded(content, self._size, str(self.path(frame)))
 
     def over(self, frame: int, mask: Bytes[H, W] | None, unknown: int) -> Bytes[H, W] | None:
-        """Return a frame's mask with its correction painted over it; the same mask where nobody corrected it.
+        """Return a frame's mask with its correction painted over it; the same mask where nobody
+        corrected it.
 
-        unknown: the value of the result where nobody knows.
+        Parameters
+        ----------
+        unknown
+            The value of the result where nobody knows.
         """
         layer = self.layer(frame)
         return mask if layer is None else corrected(layer, mask, unknown)

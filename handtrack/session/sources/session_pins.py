@@ -82,9 +82,18 @@ class SessionPins:
                 self._pins.pop(frame, None)
 
     def write(self, kept: str | None = None) -> str | None:
-        """Write the file; without pins there is none. Return its text.
+        """Write the file; without pins there is none.
 
-        kept: what was written here last: a file that is otherwise is kept in versions/. Raises HandtrackError.
+        Return its text.
+
+        Parameters
+        ----------
+        kept
+            What was written here last: a file that is otherwise is kept in versions/.
+
+        Raises
+        ------
+        HandtrackError
         """
         text = self.text
         write_over(self._path, *(None if one is None else one.encode() for one in (text, kept)))

@@ -102,9 +102,13 @@ def files_read(session: Session) -> dict[str, str]:
 def foreign_takes(
     store: Store, session: Session, now: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Return a sentence for those takes of the current track that were not made from what the session holds now.
+    """Return a sentence for those takes of the current track that were not made from what the
+    session holds now.
 
-    now: its `files_read`, where they are known.
+    Parameters
+    ----------
+    now
+        Its `files_read`, where they are known.
     """
     by_change, now = dict[tuple[str, ...], list[int]](), now or files_read(session)
     for number in sorted({span.take for span in store.current()}):

@@ -21,10 +21,21 @@ _CLEARLY = 5.0  # times as much in the other meaning
 def read_bvh(path: Path, positions: str | None = None, unit_m: float = 0.01) -> MotionClip:
     """Return the joints' positions.
 
-    positions: whether a joint's position channels `add` to its OFFSET, as files with channels of the root alone mean it, or
-    `replace` it, as files do that give six channels to every joint; None: as the file shows it, for bones keep their lengths.
-    unit_m: metres in the file's unit. End sites that stand off their joint are `<joint>_end`. Raises HandtrackError naming file
-    and line, and where the file does not show what positions mean.
+    End sites that stand off their joint are `<joint>_end`.
+
+    Parameters
+    ----------
+    positions
+        Whether a joint's position channels `add` to its OFFSET, as files with channels of the root
+        alone mean it, or `replace` it, as files do that give six channels to every joint; None: as
+        the file shows it, for bones keep their lengths.
+    unit_m
+        Metres in the file's unit.
+
+    Raises
+    ------
+    HandtrackError
+        Naming file and line, and where the file does not show what positions mean.
     """
     if positions is not None and positions not in POSITIONS:
         raise HandtrackError(

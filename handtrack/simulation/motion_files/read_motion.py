@@ -25,10 +25,21 @@ _AXES = ("x", "y", "z")
 def read_motion(
     path: Path, skeleton: Path | None, fps: float | None, positions: str | None
 ) -> tuple[MotionClip, float | None, str]:
-    """Return what a file says of where joints are, in its unit; metres in one unit, where it says that; and which form it has, in words.
+    """Return what a file says of where joints are, in its unit; metres in one unit, where it says
+    that; and which form it has, in words.
 
-    skeleton: the .asf of an .amc; without it, the only one beside it. fps: frames a second, where the file says none.
-    positions: of a BVH, see `read_bvh`. Raises HandtrackError.
+    Parameters
+    ----------
+    skeleton
+        The .asf of an .amc; without it, the only one beside it.
+    fps
+        Frames a second, where the file says none.
+    positions
+        Of a BVH, see `read_bvh`.
+
+    Raises
+    ------
+    HandtrackError
     """
     check_file(path, "a motion", LARGEST)
     suffix, start = path.suffix.lower(), first_bytes(path)
@@ -58,10 +69,24 @@ def read_motion(
 def in_metres(
     clip: MotionClip, names: Mapping[str, str], kind: str, unit_m: float | None, where: str
 ) -> tuple[MotionClip, float, list[str]]:
-    """Return a model's joints [m] in the file's axes, the metres in its unit, and what was assumed of that, in sentences.
+    """Return a model's joints [m] in the file's axes, the metres in its unit, and what was assumed
+    of that, in sentences.
 
-    clip: in the file's unit. names: the model's joints → the file's. kind: body or hand. unit_m: what the file or the user says. Raises HandtrackError where the unit
-    cannot be told by a person's size.
+    Parameters
+    ----------
+    clip
+        In the file's unit.
+    names
+        The model's joints → the file's.
+    kind
+        Body or hand.
+    unit_m
+        What the file or the user says.
+
+    Raises
+    ------
+    HandtrackError
+        Where the unit cannot be told by a person's size.
     """
     clip = clip.renamed(names)
     subject = BODY if kind == "body" else HAND

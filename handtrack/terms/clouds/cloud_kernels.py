@@ -184,10 +184,16 @@ def arrange(points, order, size):  # pragma: no cover - compiled
 
 @compiled_as_numpy
 def work_off(e, count, surface, noise, reference, space, sums):  # pragma: no cover - compiled
-    """Add the buffered points of ellipsoid e; returns Σ ρ. noise: σ, loss and weight.
+    """Add the buffered points of ellipsoid e; returns Σ ρ.
 
-    space: points that wait, by the ellipsoid closest to them; which of the surface's links may count for them; distance, direction and
-    share of each ellipsoid that counts at those that are worked off; rows by twists, and by fields; numbers of each point.
+    Parameters
+    ----------
+    noise
+        σ, loss and weight.
+    space
+        Points that wait, by the ellipsoid closest to them; which of the surface's links may count
+        for them; distance, direction and share of each ellipsoid that counts at those that are
+        worked off; rows by twists, and by fields; numbers of each point.
     """
     table, bone, start, members, sharpness, turning = surface
     buffers, wanted, near, rows, wide, vectors = space

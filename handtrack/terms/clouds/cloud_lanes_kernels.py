@@ -53,9 +53,13 @@ def _rows(array, at, count=3, first=0):
 
 @written(types.double)
 def nearer(code, points, first, n, table, e, turning, nearest):
-    """nearest (2, 8 n) = d_e and e where ellipsoid e is nearer, the first of equal ones; return the largest distance.
+    """nearest (2, 8 n) = d_e and e where ellipsoid e is nearer, the first of equal ones; return the
+    largest distance.
 
-    points: from `first` on.
+    Parameters
+    ----------
+    points
+        From `first` on.
     """
     builder = code.builder
     ball = _Ellipsoid(code, table.row(e), turning)

@@ -63,8 +63,12 @@ def first_met(table, centre, rx, ry, rz):  # pragma: no cover - compiled
 def rays_sums(rays, surface, noise, weight, reference, sums):  # pragma: no cover - compiled
     """Add the viewing rays to sums; return their cost.
 
-    rays: the camera's centre, unit directions (N, 3), and where the points are along them (N,) [m]. noise: σ [m] and loss of a
-    point along its ray, σ and loss of a ray beside the model.
+    Parameters
+    ----------
+    rays
+        The camera's centre, unit directions (N, 3), and where the points are along them (N,) [m].
+    noise
+        σ [m] and loss of a point along its ray, σ and loss of a ray beside the model.
     """
     centre, rays, depth = rays
     along, outlier, beside, saturating = noise

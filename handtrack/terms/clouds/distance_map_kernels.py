@@ -249,8 +249,13 @@ def fill_nodes(distances, values):  # pragma: no cover - compiled
 def emptiness_sums(distances, frames, surface, noise, sums):  # pragma: no cover - compiled
     """Add E2 to sums; return ½ weight Σ share ρ.
 
-    surface: bone (V,), point in its frame (V, 3) and share (V,), which falls with the square of its bone's growth. noise: slack and
-    σ [m], loss and weight.
+    Parameters
+    ----------
+    surface
+        Bone (V,), point in its frame (V, 3) and share (V,), which falls with the square of its
+        bone's growth.
+    noise
+        Slack and σ [m], loss and weight.
     """
     bone, local, share = surface
     slack, sigma, loss, weight = noise

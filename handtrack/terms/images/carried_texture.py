@@ -44,7 +44,10 @@ def texture_points(
 ) -> tuple[Ints[N], Floats[N, D3], Floats[N, D2]]:
     """Return bone, place in its frame and pixel of visible surface points, evenly in the image.
 
-    picture: of the same mesh at the same pose.
+    Parameters
+    ----------
+    picture
+        Of the same mesh at the same pose.
     """
     camera = picture.camera
     half = spacing_px // 2
@@ -129,10 +132,15 @@ _APART_M = 1e3  # between bones, so that a neighbour is always of the same one
 
 
 def contradicts(texture: Texture, known: Texture, reach_m: float, tolerance: float) -> Array[N]:
-    """Return True where the nearest known point of the same bone, within reach_m, has another colour.
+    """Return True where the nearest known point of the same bone, within reach_m, has another
+    colour.
 
-    tolerance: [grey levels] between two colours, as a distance over all channels. Where nothing is known nothing is
-    contradicted.
+    Where nothing is known nothing is contradicted.
+
+    Parameters
+    ----------
+    tolerance
+        [grey levels] between two colours, as a distance over all channels.
     """
     if not len(texture.bone) or not len(known.bone):
         return np.zeros(len(texture.bone), bool)

@@ -110,8 +110,14 @@ def search_along(
 def edges_sums(frames, camera, pieces, edges, spread, sums):  # pragma: no cover - compiled
     """Add one camera's edges to sums; return their cost.
 
-    pieces: of outline, (N,) each: bone, point in its frame, pixel and normal at the start, weight. edges: place and strength (N, K).
-    spread: σ [px], clutter, and whether costs count from those of a piece without an edge.
+    Parameters
+    ----------
+    pieces
+        Of outline, (N,) each: bone, point in its frame, pixel and normal at the start, weight.
+    edges
+        Place and strength (N, K).
+    spread
+        σ [px], clutter, and whether costs count from those of a piece without an edge.
     """
     bone, local, pixel, normal, weight = pieces
     edge, strength = edges
@@ -148,10 +154,18 @@ def edges_sums(frames, camera, pieces, edges, spread, sums):  # pragma: no cover
 
 @compiled_as_numpy
 def fill_triangles(pixels, depth, faces, nearest, front):  # pragma: no cover - compiled
-    """Fill nearest (H, W) [m] and front (H, W), the face there, where a face is nearer than what stands in them.
+    """Fill nearest (H, W) [m] and front (H, W), the face there, where a face is nearer than what
+    stands in them.
 
-    pixels: (V, 2) in this picture; depth: (V,) z in the camera [m]. Exact at pixel centres: 1/z is linear in the image.
-    A face that reaches behind the camera is left out.
+    Exact at pixel centres: 1/z is linear in the image. A face that reaches behind the camera is
+    left out.
+
+    Parameters
+    ----------
+    pixels
+        (V, 2) in this picture.
+    depth
+        (V,) z in the camera [m].
     """
     height, width = nearest.shape
     for f in range(faces.shape[0]):
@@ -185,7 +199,12 @@ def fill_triangles(pixels, depth, faces, nearest, front):  # pragma: no cover - 
 def texture_sums(frames, camera, image, texture, noise, sums):  # pragma: no cover - compiled
     """Add one camera's texture to sums; return ½ weight Σ (ρ − worst).
 
-    texture: bone (N,), point in its frame (N, 3), color (N, C). noise: σ, loss, worst and weight.
+    Parameters
+    ----------
+    texture
+        Bone (N,), point in its frame (N, 3), color (N, C).
+    noise
+        σ, loss, worst and weight.
     """
     bone, local, color = texture
     sigma, loss, worst, weight = noise

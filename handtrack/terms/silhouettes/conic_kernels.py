@@ -112,10 +112,16 @@ def conic_of(ellipse, outer, c):  # pragma: no cover - compiled
 def conic_by_twist(
     projection, centre, shape, reference, ellipse, outer, depth_scaled, work
 ):  # pragma: no cover
-    """Fill work[72:120], seen as (6, 8), with the derivative of `conic_of` by (v, ω), and two zeros a row.
+    """Fill work[72:120], seen as (6, 8), with the derivative of `conic_of` by (v, ω), and two zeros
+    a row.
 
-    work: (176,), zeros at first. One flat array, constant places: only so can LLVM see that nothing overlaps, and do
-    all eight columns at once.
+    One flat array, constant places: only so can LLVM see that nothing overlaps, and do all eight
+    columns at once.
+
+    Parameters
+    ----------
+    work
+        (176,), zeros at first.
     """
     g, d, p = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     _to_image(projection, ellipse[ORIGIN_U], ellipse[ORIGIN_V], centre, shape, g, p, d)
@@ -166,10 +172,16 @@ def conic_by_twist(
 def conic_by_field(
     projection, centre, shapes, reference, ellipse, conic, depth_scaled
 ):  # pragma: no cover - compiled
-    """Return the derivative of `conic_of` by FIELD numbers (6, FIELD). docs/explanation/silhouettes.md
+    """Return the derivative of `conic_of` by FIELD numbers (6, FIELD).
+    docs/explanation/silhouettes.md
 
-    shapes: R diag(r²) Rᵀ of the ellipsoid, and the same with r times its own radii, and with r; where it is turned by the
-    antisymmetric part of G, and stretched by the symmetric one. conic: its own numbers, see `conic_of`.
+    Parameters
+    ----------
+    shapes
+        R diag(r²) Rᵀ of the ellipsoid, and the same with r times its own radii, and with r; where
+        it is turned by the antisymmetric part of G, and stretched by the symmetric one.
+    conic
+        Its own numbers, see `conic_of`.
     """
     shape, own, wide = shapes
     g, d, p, by = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((6, FIELD))

@@ -37,9 +37,13 @@ def outline_overlap(
     bones: BonePoses,
     row_step: int = 1,
 ) -> OutlineOverlap:
-    """Return the areas of the model's hard outline, as far out as masks have it, of the masks, and of both together.
+    """Return the areas of the model's hard outline, as far out as masks have it, of the masks, and
+    of both together.
 
-    row_step: of how many rows one is looked at.
+    Parameters
+    ----------
+    row_step
+        Of how many rows one is looked at.
     """
     whole = [np.arange(len(ellipsoids))]
     return parts_overlap(silhouettes, ellipsoids, whole, bones, row_step)[0]

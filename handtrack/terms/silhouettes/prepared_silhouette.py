@@ -94,9 +94,17 @@ def prepare(
 ) -> PreparedSilhouette:
     """Return a silhouette made ready for ConicFieldTerm and CoverageTerm.
 
-    line: (a, b, c), pixels with a u + b v + c < 0 are not observed, see `clip_spans`.
-    observation: the observed field, ≤ 0, in place of −mask (the 2007 paper's simulated field images).
-    Raises HandtrackError for wrong shapes and for values that are not finite numbers.
+    Parameters
+    ----------
+    line
+        (a, b, c), pixels with a u + b v + c < 0 are not observed, see `clip_spans`.
+    observation
+        The observed field, ≤ 0, in place of −mask (the 2007 paper's simulated field images).
+
+    Raises
+    ------
+    HandtrackError
+        For wrong shapes and for values that are not finite numbers.
     """
     camera = silhouette.camera
     width, height = camera.size

@@ -161,11 +161,16 @@ def begin_row(buffer, lo, hi, marks, opened, core):  # pragma: no cover - compil
 
 @compiled
 def paint(buffer, span, opened, parabola, limit, number, core):  # pragma: no cover - compiled
-    """Raise the open blocks of a span [lo, hi) to a parabola top − bend (u − centre)², where that is more, in the name of `number`
-    (or `core`). parabola: centre, top and bend.
+    """Raise the open blocks of a span [lo, hi) to a parabola top − bend (u − centre)², where that
+    is more, in the name of `number` (or `core`).
 
-    Whole blocks are written: outside its own span a value is negative and never wins; outside the observed span
-    nobody looks.
+    Whole blocks are written: outside its own span a value is negative and never wins; outside the
+    observed span nobody looks.
+
+    Parameters
+    ----------
+    parabola
+        Centre, top and bend.
     """
     full = _BITS_OF_TWO | core
     first, last = span[0] // BLOCK, (span[1] - 1) // BLOCK

@@ -80,11 +80,19 @@ class CameraField(NamedTuple):
 def silhouette_sums(
     frames, ellipsoids, radii, mask, field, weight, sums
 ):  # pragma: no cover - compiled
-    """Add one camera's ½ weight Σ (P − Z)² to sums; return the cost, without ½ weight ΣZ², which no pose changes.
+    """Add one camera's ½ weight Σ (P − Z)² to sums; return the cost, without ½ weight ΣZ², which no
+    pose changes.
 
-    ellipsoids: as thick as this mask has them; radii: as they are themselves, (E, 3). A width of FIELD: the twelve numbers of a field, and
-    by how much the outline is farther out.
-    Arguments are plain tuples of what they are called: to check classes of NamedTuples takes 10 % of the time.
+    A width of FIELD: the twelve numbers of a field, and by how much the outline is farther out.
+    Arguments are plain tuples of what they are called: to check classes of NamedTuples takes 10 %
+    of the time.
+
+    Parameters
+    ----------
+    ellipsoids
+        As thick as this mask has them.
+    radii
+        As they are themselves, (E, 3).
     """
     frames, sums = Frames(*frames), Sums(*sums)
     mask, field = MaskArrays(*mask), CameraField(*field)

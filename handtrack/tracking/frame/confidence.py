@@ -193,10 +193,16 @@ def assess(
 def what_is_open(
     model: ArticulatedModel, joint_covariance: Floats[J, D3, D3], most_mm: float
 ) -> Reason | None:
-    """Return what of a hand may be further off than that by its own covariance; None where nothing, or it is 0.
+    """Return what of a hand may be further off than that by its own covariance; None where nothing,
+    or it is 0.
 
-    joint_covariance: [m²]. It is the mean joint that counts (root mean square of their standard deviations): a
-    fingertip alone is often hidden. A body may be as much further off as it is larger.
+    It is the mean joint that counts (root mean square of their standard deviations): a fingertip
+    alone is often hidden. A body may be as much further off as it is larger.
+
+    Parameters
+    ----------
+    joint_covariance
+        [m²].
     """
     spread = 1e6 * np.trace(joint_covariance, axis1=1, axis2=2)
     whole = float(np.sqrt(spread.mean()))
@@ -373,9 +379,15 @@ _CLOSED_RAD = 4.0
 
 
 def misfit(energies: Mapping[str, float], views: int) -> float:
-    """Return how badly a model fits what was seen, 1 where as its noise says; 1 where no surface was seen.
+    """Return how badly a model fits what was seen, 1 where as its noise says; 1 where no surface
+    was seen.
 
-    energies: of each term. As least squares judge their own noise by what is left over.
+    As least squares judge their own noise by what is left over.
+
+    Parameters
+    ----------
+    energies
+        Of each term.
     """
     seen = [energy for name, energy in energies.items() if name in OBSERVED]
     if not seen or not views:
@@ -393,8 +405,16 @@ def calibrated_covariance(
 ) -> Floats[J, D3, D3]:
     """Return each joint's covariance [m²] of all that is known to be wrong.
 
-    curled: `curls`, of fingers of which nothing else tells how they bend; joint_covariance: if the model were the hand, and noise what it
-    is said to be [m²]; how_bad: `misfit`; by_cloud: whether a cloud was seen.
+    Parameters
+    ----------
+    curled
+        `curls`, of fingers of which nothing else tells how they bend.
+    joint_covariance
+        If the model were the hand, and noise what it is said to be [m²].
+    how_bad
+        `misfit`.
+    by_cloud
+        Whether a cloud was seen.
     """
     seen = CLOUD if by_cloud else MASKS
     if model.kind == "body":
@@ -538,9 +558,16 @@ def frame_confidence(
 ) -> FrameConfidence:
     """Return what is to be said of a frame at solver parameters.
 
-    energies: of each term; joint_covariance: [m²] if the model were the hand; moved_m: how far the frames after moved a joint,
-    None as long as they are not known. Then a misfit alone is a doubt, which another search may end; later it is one sign of many,
-    and tells least: of 85 such frames 8 were wrong.
+    Parameters
+    ----------
+    energies
+        Of each term.
+    joint_covariance
+        [m²] if the model were the hand.
+    moved_m
+        How far the frames after moved a joint, None as long as they are not known. Then a misfit
+        alone is a doubt, which another search may end; later it is one sign of many, and tells
+        least: of 85 such frames 8 were wrong.
     """
     model, joint = terms.model, terms.model.joint_params(params)
     bad, by_cloud = misfit(energies, terms.views), terms.cloud is not None

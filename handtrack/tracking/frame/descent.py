@@ -68,9 +68,14 @@ def minima(
     should_stop: Callable[[], bool] | None = None,
     is_far: bool = False,
 ) -> Minima:
-    """Return the minima that starts lead to. Keypoints alone: of all starts; otherwise of the `most` cheapest.
+    """Return the minima that starts lead to.
 
-    is_far: the starts may need many iterations, as in a first frame.
+    Keypoints alone: of all starts; otherwise of the `most` cheapest.
+
+    Parameters
+    ----------
+    is_far
+        The starts may need many iterations, as in a first frame.
     """
     if by_keypoints_alone(terms):
         seen = [t.observed for t in terms.keypoints if not isinstance(t.observed, ImagePins)]

@@ -170,10 +170,17 @@ def inheriting_uncertainty(
 ) -> Floats[P, P]:
     """Return a frame's matrix in which the prediction is no surer than the pose that it came from.
 
-    hessian: the one that poses are found with, which takes that pose for the truth; belief: its covariance,
-    None where nothing is said of it. What is stated must not take it so: a finger hidden for a second would be called as
-    well known as after one frame. Nor are a detector's errors new in each frame. A mixture's prediction inherits by itself.
-    The live pass alone needs it, which knows no frame after: refined ones state what all frames say together.
+    What is stated must not take it so: a finger hidden for a second would be called as well known
+    as after one frame. Nor are a detector's errors new in each frame. A mixture's prediction
+    inherits by itself. The live pass alone needs it, which knows no frame after: refined ones state
+    what all frames say together.
+
+    Parameters
+    ----------
+    hessian
+        The one that poses are found with, which takes that pose for the truth.
+    belief
+        Its covariance, None where nothing is said of it.
     """
     terms = problem.parameter_terms
     motion = [t for t in terms if t.name == "motion" and isinstance(t, GaussianPrior)]
@@ -196,7 +203,13 @@ def posed_result(
 ) -> FrameResult:
     """Return a result at solver parameters as it was judged, as long as no solver tells its cost.
 
-    observation: the frame's, or an earlier result: number and time are its. std: of joint parameters. Without it, and of a lost hand, they may be anything; without a covariance joints are known to a metre.
+    Parameters
+    ----------
+    observation
+        The frame's, or an earlier result: number and time are its.
+    std
+        Of joint parameters. Without it, and of a lost hand, they may be anything; without a
+        covariance joints are known to a metre.
     """
     joint = model.joint_params(params)
     joint[3:6] = wrapped(joint[3:6])

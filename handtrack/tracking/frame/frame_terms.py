@@ -230,8 +230,14 @@ def frame_terms(
 ) -> FrameTerms:
     """Return the terms of a frame.
 
-    start: where the model stands; it fixes the hand's distance and where the forearm is cut off.
-    expected: predicted joint parameters, or None in a first frame. before: where texture is carried from.
+    Parameters
+    ----------
+    start
+        Where the model stands; it fixes the hand's distance and where the forearm is cut off.
+    expected
+        Predicted joint parameters, or None in a first frame.
+    before
+        Where texture is carried from.
     """
     weighted = observation.silhouettes if settings.silhouettes.weight > 0 else ()
     prepared = [
@@ -310,8 +316,12 @@ def at_camera_times(
 ) -> FrameTerms:
     """Return the terms in which cameras, and the cloud, are predicted at their own times.
 
-    later: by camera, how many frames later than this one it saw; velocity: of solver parameters [a frame], as `pose_changes.moved`
-    takes it.
+    Parameters
+    ----------
+    later
+        By camera, how many frames later than this one it saw.
+    velocity
+        Of solver parameters [a frame], as `pose_changes.moved` takes it.
     """
     model = terms.model
 

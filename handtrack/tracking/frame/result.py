@@ -431,9 +431,18 @@ class TrackResult(TrackLabels):
         return self.joint_covariance[:, indices(self.joint_names, keypoint_names())]
 
     def in_landmarks(self, definition: str, source: str = "this result") -> TrackResult:
-        """Return the same with the points of another definition as joints and keypoints: `joints`, or `landmark_definition`.
+        """Return the same with the points of another definition as joints and keypoints: `joints`,
+        or `landmark_definition`.
 
-        source: where it is from, for errors. Raises HandtrackError for a definition in which it has none.
+        Parameters
+        ----------
+        source
+            Where it is from, for errors.
+
+        Raises
+        ------
+        HandtrackError
+            For a definition in which it has none.
         """
         if definition == (self.keypoint_definition or JOINT_CENTRES):
             return self

@@ -110,9 +110,14 @@ def speed_of_change(model: ArticulatedModel, settings: TrackerSettings) -> Float
 def solve_mixture(
     task: FrameTask, carried: Sequence[Hypothesis]
 ) -> tuple[Solved, tuple[Hypothesis, ...]]:
-    """Return a frame at the heaviest of the hypotheses that explain it, and all that are carried on.
+    """Return a frame at the heaviest of the hypotheses that explain it, and all that are carried
+    on.
 
-    carried: those of the frame before; none in a first frame. Where nothing is seen they stay as they are.
+    Parameters
+    ----------
+    carried
+        Those of the frame before; none in a first frame. Where nothing is seen they stay as they
+        are.
     """
     params, terms = task.opened()
     chains = chains_of(task.model, task.settings.mixture.chains)

@@ -38,9 +38,13 @@ class MotionBelief:
         return cls(mean, np.zeros(count), whole)
 
     def ahead(self, push: Floats[P], frames: int, moving: bool = True) -> MotionBelief:
-        """Return the belief some frames later; each frame an unknown acceleration pushes, a standard deviation.
+        """Return the belief some frames later; each frame an unknown acceleration pushes, a
+        standard deviation.
 
-        moving: whether motion goes on; otherwise places alone drift by `push`.
+        Parameters
+        ----------
+        moving
+            Whether motion goes on; otherwise places alone drift by `push`.
         """
         count = len(self.mean)
         mean, velocity, covariance = self.mean, self.velocity, self.covariance

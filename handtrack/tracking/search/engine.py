@@ -226,9 +226,14 @@ def improved(
     why: str,
     compared: Callable[[Sequence[C]], list[C]] = list,
 ) -> C:
-    """Return the best candidate that is better than the standing one, or that one itself. Reports what was tried.
+    """Return the best candidate that is better than the standing one, or that one itself.
 
-    compared: measures them by the same pixels, where their costs are not.
+    Reports what was tried.
+
+    Parameters
+    ----------
+    compared
+        Measures them by the same pixels, where their costs are not.
     """
     control = objective.control
     for _ in range(search.repeats):

@@ -385,9 +385,13 @@ def _without_arm(model: ArticulatedModel) -> ArticulatedModel:
 def spread_over_places(
     rows: Iterable[int], places: Floats[N, D3], most: int, share: float = 0.5
 ) -> list[int]:
-    """Return at most `most` of the rows, the best first: no place takes more than a share of them while others are left.
+    """Return at most `most` of the rows, the best first: no place takes more than a share of them
+    while others are left.
 
-    places: (N, 3) of a palm's middle, for each row [m].
+    Parameters
+    ----------
+    places
+        (N, 3) of a palm's middle, for each row [m].
     """
     chosen: list[int] = []
     spare: list[int] = []

@@ -70,9 +70,14 @@ def carried_over(source: ArticulatedModel, params: Floats[P], model: Articulated
 def fit_scale(build: Callable[[HandScale], ArticulatedModel], seen: Keypoints) -> HandScale:
     """Return a person's hand fitted to points in space, together with its pose.
 
-    build: makes the model of a given size. Factors are pulled towards an adult's mean by how much
-    adults differ, so that noisy points do not make odd hands. One frame's points tell no proportions of a hand: noise would be
-    taken for them (`webxr_stereo_768` by its cloud 6.0 mm without, 7.2 with).
+    Factors are pulled towards an adult's mean by how much adults differ, so that noisy points do
+    not make odd hands. One frame's points tell no proportions of a hand: noise would be taken for
+    them (`webxr_stereo_768` by its cloud 6.0 mm without, 7.2 with).
+
+    Parameters
+    ----------
+    build
+        Makes the model of a given size.
     """
     model = build(HandScale())
     held = model.proportions.names if model.kind == "hand" else ()

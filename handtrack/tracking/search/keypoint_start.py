@@ -84,9 +84,13 @@ def triangulated(seen: Sequence[ImageKeypoints], names: Sequence[str]) -> Floats
 def in_space(
     model: ArticulatedModel, seen: Sequence[ImageKeypoints], sigma_m: float
 ) -> Keypoints | None:
-    """Return the model's joints in space where two cameras or more agree on enough of them to place it; else None.
+    """Return the model's joints in space where two cameras or more agree on enough of them to place
+    it; else None.
 
-    sigma_m: what they are said to be off by.
+    Parameters
+    ----------
+    sigma_m
+        What they are said to be off by.
     """
     names = joints_sought(model, seen)
     points = triangulated(seen, names)

@@ -152,12 +152,18 @@ def with_fingers_found(
 
 
 def finger_grid(far: Problem, params: Floats[P], most: int) -> list[tuple[str, Floats[P]]]:
-    """Return the `most` promising starts (P,), the best first: each with one finger, or the forearm, named, well away from where it is.
+    """Return the `most` promising starts (P,), the best first: each with one finger, or the
+    forearm, named, well away from where it is.
 
-    far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
+    They may cost more than the pose that stands: put anywhere on a grid, a finger covers little of
+    its own silhouette, but the one that is lost loses least where it was. No two of a finger are
+    near each other: one of them may lead back.
 
-    They may cost more than the pose that stands: put anywhere on a grid, a finger covers little of its own silhouette,
-    but the one that is lost loses least where it was. No two of a finger are near each other: one of them may lead back.
+    Parameters
+    ----------
+    far
+        Sees missed silhouette from afar (the widest band); it ranks the places that a finger is put
+        to.
     """
     model = far.model
     best: list[tuple[float, str, Floats]] = []

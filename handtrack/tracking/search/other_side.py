@@ -30,10 +30,16 @@ def evidence_of_other_side(
     looks: Iterable[tuple[Observation, Floats[P]]],
     control: Control = Control(),
 ) -> float:
-    """Return the log-odds that the hand is the other one; below 0, and looking ends, once this one explains more.
+    """Return the log-odds that the hand is the other one; below 0, and looking ends, once this one
+    explains more.
 
-    looks: what was seen of some frames, and this hand's pose there. The other hand is looked for around it; where it fits
-    better, this one is looked for likewise, so that a poor pose of the right hand does not speak against it.
+    The other hand is looked for around it; where it fits better, this one is looked for likewise,
+    so that a poor pose of the right hand does not speak against it.
+
+    Parameters
+    ----------
+    looks
+        What was seen of some frames, and this hand's pose there.
     """
     total = 0.0
     for seen, params in looks:

@@ -45,10 +45,16 @@ def camera_inconsistencies(
     settings: TrackerSettings,
     seen: Sequence[tuple[Observation, Floats[P]]],
 ) -> list[CameraInconsistency]:
-    """Return for each camera and kind what it would gain, the largest gain first; none for a single camera.
+    """Return for each camera and kind what it would gain, the largest gain first; none for a single
+    camera.
 
-    seen: frames, and the solver parameters at which they were tracked. One step of Gauss and Newton from there: the
-    camera's three angles, or two coefficients of its lens, together with all poses and the overall size, which are eliminated.
+    One step of Gauss and Newton from there: the camera's three angles, or two coefficients of its
+    lens, together with all poses and the overall size, which are eliminated.
+
+    Parameters
+    ----------
+    seen
+        Frames, and the solver parameters at which they were tracked.
     """
     size = SizeParameters(model)
     model = size.rescaled(size.deviations(model.scale))

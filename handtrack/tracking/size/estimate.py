@@ -239,15 +239,23 @@ def estimate_whole(
     sweeps: int = _SWEEPS,
     at_most: float = np.inf,
 ) -> WholeEstimate | None:
-    """Return the poses that are most probable together, from `poses` on, solver parameters of the frames, and the changes of
-    the evidence's cameras and person; None when stopped, or where its first step does not foretell that a frame costs less than
-    `at_most` on average.
+    """Return the poses that are most probable together, from `poses` on, solver parameters of the
+    frames, and the changes of the evidence's cameras and person; None when stopped, or where its
+    first step does not foretell that a frame costs less than `at_most` on average.
 
-    Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they share in its border. Each
-    frame has a damping of its own: one that fits worse after a step than its system predicted is held back, the others are not.
-    A frame that steps have moved by less than a fifth of a standard deviation is linearised again only at the end (`_ENOUGH`; the fluid
-    relinearization of Kaess et al. 2012, iSAM2). What lies at a limit and would leave is held there. The process noise of the motion is
-    estimated beside (EM). tell: is called with the share that is done, frame by frame, since reading them takes longest; sweeps: at most.
+    Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they
+    share in its border. Each frame has a damping of its own: one that fits worse after a step than
+    its system predicted is held back, the others are not. A frame that steps have moved by less
+    than a fifth of a standard deviation is linearised again only at the end (`_ENOUGH`; the fluid
+    relinearization of Kaess et al. 2012, iSAM2). What lies at a limit and would leave is held
+    there. The process noise of the motion is estimated beside (EM).
+
+    Parameters
+    ----------
+    tell
+        Is called with the share that is done, frame by frame, since reading them takes longest.
+    sweeps
+        At most.
     """
     model = evidence.model
     usual = motion = evidence.usual
@@ -354,8 +362,14 @@ def fit_size(
 ) -> tuple[HandScale, Floats[F, P]]:
     """Return the person who explains frames' problems best, and the poses of each.
 
-    problems: of one model; its size and `poses` are where the search starts. free: which of the model's `SizeParameters` may
-    change; all unless given. repeated: how many frames tell as much as one, since they err alike.
+    Parameters
+    ----------
+    problems
+        Of one model; its size and `poses` are where the search starts.
+    free
+        Which of the model's `SizeParameters` may change; all unless given.
+    repeated
+        How many frames tell as much as one, since they err alike.
     """
     size = SizeParameters(problems[0].model)
     every = np.ones(len(size.names), bool) if free is None else free

@@ -57,10 +57,14 @@ class FrameProblem:
     def linearize(
         self, pose: Floats[P], views: Sequence[SeenPoses], n: int, person: PersonChange
     ) -> tuple[JointSystem, Floats[P, P]]:
-        """Return what the frame says of its pose and of what all share: of P + K numbers, changes of the pose as `pose_changes.moved` makes
-        them, then the shared ones; and what it alone would say of the pose by what was seen: a matrix, without what is known beforehand.
+        """Return what the frame says of its pose and of what all share: of P + K numbers, changes
+        of the pose as `pose_changes.moved` makes them, then the shared ones; and what it alone
+        would say of the pose by what was seen: a matrix, without what is known beforehand.
 
-        views: of each camera that may change, the frame being their n-th.
+        Parameters
+        ----------
+        views
+            Of each camera that may change, the frame being their n-th.
         """
         size, first = len(pose), len(pose)
         count = sum(view.by_camera.shape[2] for view in views) + person.count

@@ -79,10 +79,16 @@ class Motion:
         inverse: Iterable[tuple[int, Floats[N, L, P, P]]],
         usual: Motion,
     ) -> Motion:
-        """Return the motion that makes the poses most probable, as far as they are known: one step of EM.
+        """Return the motion that makes the poses most probable, as far as they are known: one step
+        of EM.
 
-        inverse: the poses' covariance as `BandedFactor.inverse_parts` gives it; none where they are known; usual: what counts as some
-        frames more.
+        Parameters
+        ----------
+        inverse
+            The poses' covariance as `BandedFactor.inverse_parts` gives it; none where they are
+            known.
+        usual
+            What counts as some frames more.
         """
         if len(poses) < 3:
             return self

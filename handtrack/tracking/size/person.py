@@ -20,9 +20,16 @@ FEWEST_BY_JOINTS = 4
 
 
 def seen_around(seen: Observation, place: Floats[D3]) -> bool:
-    """Return whether silhouettes, or joints, show the hand from directions that differ enough to tell its size; place: where it is, world.
+    """Return whether silhouettes, or joints, show the hand from directions that differ enough to
+    tell its size.
 
-    From one side a hand that is larger and further back, or flatter, looks the same; a cloud is one-sided too.
+    From one side a hand that is larger and further back, or flatter, looks the same; a cloud is
+    one-sided too.
+
+    Parameters
+    ----------
+    place
+        Where it is, world.
     """
     return _apart([*seen.silhouettes, *seen.image_keypoints], place)
 
@@ -199,8 +206,14 @@ class PersonChange:
         return self.parameters.rescaled(values)
 
     def scale(self, covariance: Floats[K, K]) -> HandScale:
-        """Return the same as it is saved; covariance: of the free ones. What is not free is known better by these, where both err
-        together.
+        """Return the same as it is saved.
+
+        What is not free is known better by these, where both err together.
+
+        Parameters
+        ----------
+        covariance
+            Of the free ones.
         """
         scale, came, free = (
             self.parameters.scale(self.values),

@@ -30,12 +30,21 @@ def with_alternatives(
     shown: int = 1,
     refined: Sequence[TrajectoryHypothesis] = (),
 ) -> list[FrameResult]:
-    """Return refined frames with the other poses that all frames together leave open, the most probable first, behind the
-    frame's own. What is stated contains them.
+    """Return refined frames with the other poses that all frames together leave open, the most
+    probable first, behind the frame's own.
 
-    trellis: on whose Viterbi path the frames were refined; shown: how many poses a frame has that were asked for,
-    however probable: such as differ in shape come first. refined: hypotheses that were refined as a whole, the frames' own first, the
-    others are what is shown.
+    What is stated contains them.
+
+    Parameters
+    ----------
+    trellis
+        On whose Viterbi path the frames were refined.
+    shown
+        How many poses a frame has that were asked for, however probable: such as differ in shape
+        come first.
+    refined
+        Hypotheses that were refined as a whole, the frames' own first, the others are what is
+        shown.
     """
 
     def other(pose: Floats[P], cost: float, weight: float, origin: str) -> Alternative:

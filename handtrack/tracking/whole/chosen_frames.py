@@ -28,10 +28,15 @@ def fit_person(
     should_stop: Callable[[], bool] = lambda: False,
     tell: Callable[[float], None] = lambda share: None,
 ) -> HandScale | None:
-    """Return the person who explains frames best, from `model` on, with the poses moving along; None where they tell nothing of
-    what is open, or when stopped.
+    """Return the person who explains frames best, from `model` on, with the poses moving along;
+    None where they tell nothing of what is open, or when stopped.
 
-    seen, poses: ascending; solver parameters of each, already found. tell: is called with the share that is done.
+    Parameters
+    ----------
+    seen, poses
+        Ascending; solver parameters of each, already found.
+    tell
+        Is called with the share that is done.
     """
     observed, current = {one.frame: replace(one, images=()) for one in seen}, np.array(poses)
     gaps = np.diff([one.time_s for one in seen])

@@ -35,10 +35,17 @@ def with_keyframes(
     tracked: Sequence[FrameResult],
     new: Mapping[int, Floats[P]] | None = None,
 ) -> list[FrameResult]:
-    """Return tracked frames with those that a person posed among them, ascending, and those beside at poses that follow.
+    """Return tracked frames with those that a person posed among them, ascending, and those beside
+    at poses that follow.
 
-    What is corrected is the change from where the frame was tracked, or where those beside say that the hand stood. Frames beside err
-    alike, as far as the hand has not moved: the change is theirs, too. new: keyframes and pins that are carried on; all, unless given.
+    What is corrected is the change from where the frame was tracked, or where those beside say that
+    the hand stood. Frames beside err alike, as far as the hand has not moved: the change is theirs,
+    too.
+
+    Parameters
+    ----------
+    new
+        Keyframes and pins that are carried on; all, unless given.
     """
     model, settings, observe = recording.model, recording.settings, recording.observe
     held, pinned, control = recording.keyframes, recording.pinned, recording.control

@@ -300,9 +300,15 @@ PASSES: tuple[Pass, ...] = (
 def refine_near(
     recording: Recording, tracked: Sequence[FrameResult], changed: Sequence[int]
 ) -> list[FrameResult]:
-    """Return the frames that follow keyframes and pins; all others stand as they are; no frame when stopped.
+    """Return the frames that follow keyframes and pins; all others stand as they are; no frame when
+    stopped.
 
-    tracked: refined before, ascending; changed: at which frames keyframes or pins were set since.
+    Parameters
+    ----------
+    tracked
+        Refined before, ascending.
+    changed
+        At which frames keyframes or pins were set since.
     """
     stood, seconds = {result.frame: result for result in tracked}, frame_seconds(tracked)
     posed = {**recording.keyframes, **recording.pinned}

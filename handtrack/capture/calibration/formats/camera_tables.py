@@ -55,7 +55,15 @@ _LEAST_FOCAL_PX = 10.0  # less is in millimetres, or a share of the image's widt
 def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> ImportedRig | None:
     """Return the cameras of nested tables; None where there are none.
 
-    alone: the name of a camera that has the whole file. Raises HandtrackError naming the camera and the key.
+    Parameters
+    ----------
+    alone
+        The name of a camera that has the whole file.
+
+    Raises
+    ------
+    HandtrackError
+        Naming the camera and the key.
     """
     if isinstance(tree, Mapping):
         inner = [

@@ -151,9 +151,18 @@ def plain_word(word: Any) -> str:
 
 
 def numbers(value: Any, where: str, *shapes: tuple[int, ...], expected: str = "") -> Array[*Axes]:
-    """Return a value as finite floats: lists, arrays, or OpenCV's matrices (rows, cols, data). Raises HandtrackError.
+    """Return a value as finite floats: lists, arrays, or OpenCV's matrices (rows, cols, data).
 
-    shapes: of which it gets the first that has as many numbers; none: as it is. expected: these shapes in words.
+    Parameters
+    ----------
+    shapes
+        Of which it gets the first that has as many numbers; none: as it is.
+    expected
+        These shapes in words.
+
+    Raises
+    ------
+    HandtrackError
     """
     value = value["data"] if isinstance(value, Mapping) and "data" in value else value
     try:

@@ -159,10 +159,17 @@ class LensView(NamedTuple):
 def pinholes(
     rig: ImportedRig, regions: Mapping[str, tuple[float, float, float, float]]
 ) -> tuple[ImportedRig, dict[str, LensView]]:
-    """Return the rig with each fisheye, and each lens with skew, as the pinholes through which it is tracked, and these by name.
+    """Return the rig with each fisheye, and each lens with skew, as the pinholes through which it
+    is tracked, and these by name.
 
-    regions: x, y, width, height [px] around what is tracked, where that is known; else all of an image is shown. A lens whose
-    view is wider than 100° becomes several cameras, `NAME_1`, `NAME_2` …, of the same images. All must have names and sizes.
+    A lens whose view is wider than 100° becomes several cameras, `NAME_1`, `NAME_2` …, of the same
+    images. All must have names and sizes.
+
+    Parameters
+    ----------
+    regions
+        x, y, width, height [px] around what is tracked, where that is known; else all of an image
+        is shown.
     """
     cameras: list[ImportedCamera] = []
     views: dict[str, LensView] = {}
@@ -196,7 +203,10 @@ def pinholes(
 def unit_of(rig: ImportedRig, length: float | None = None, subject: Subject = HAND) -> Unit:
     """Return the unit of a calibration whose cameras have names and sizes.
 
-    length: of what is tracked, in that unit, where joints in images tell it.
+    Parameters
+    ----------
+    length
+        Of what is tracked, in that unit, where joints in images tell it.
     """
     if rig.unit_m is not None:
         return Unit(rig.unit_m, True, f"{rig.family}: its unit is {_words(rig.unit_m)}.")
@@ -271,9 +281,21 @@ def read_cameras(
 ) -> CameraRig:
     """Return the cameras of a calibration in any form that `handtrack new` reads, in metres.
 
-    files: one file or folder, or a file a camera. Cameras without names are called cam0, cam1 … unit_m: metres in one unit of
-    the file; where not given, its form or the cameras' distances must tell it. size: width, height [px] of cameras whose file
-    does not say. lens: "plain" where four coefficients are k1 k2 p1 p2, and no fisheye's. Raises HandtrackError.
+    Parameters
+    ----------
+    files
+        One file or folder, or a file a camera. Cameras without names are called cam0, cam1 …
+    unit_m
+        Metres in one unit of the file; where not given, its form or the cameras' distances must
+        tell it.
+    size
+        Width, height [px] of cameras whose file does not say.
+    lens
+        "plain" where four coefficients are k1 k2 p1 p2, and no fisheye's.
+
+    Raises
+    ------
+    HandtrackError
     """
     where = " and ".join(map(str, files))
     given = read_calibration([Path(file) for file in files])

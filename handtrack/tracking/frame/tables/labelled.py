@@ -84,9 +84,14 @@ def labelled(
 def frame_columns(
     track: TrackResult, with_std: bool = False
 ) -> Iterator[tuple[str, Array[F], str]]:
-    """Yield the columns of a table with a row for each frame: name, values and meaning. Angles in degrees, lengths in metres.
+    """Yield the columns of a table with a row for each frame: name, values and meaning.
 
-    with_std: each parameter's standard deviation after it.
+    Angles in degrees, lengths in metres.
+
+    Parameters
+    ----------
+    with_std
+        Each parameter's standard deviation after it.
     """
     yield "frame", track.frame, "number of the frame, from 0"
     yield "time_s", track.time_s, "time [s]"

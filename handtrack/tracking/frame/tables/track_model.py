@@ -16,8 +16,17 @@ if TYPE_CHECKING:
 def model_of(track: TrackResult, source: str = "this result") -> ArticulatedModel:
     """Return the model that a result was tracked with, of the same size, without couplings.
 
-    It is built from the result's definition; without one (format 1), a shipped model of that name is taken if it has the same
-    bones, parameters and joints. source: where the result is from, for errors. Raises HandtrackError.
+    It is built from the result's definition; without one (format 1), a shipped model of that name
+    is taken if it has the same bones, parameters and joints.
+
+    Parameters
+    ----------
+    source
+        Where the result is from, for errors.
+
+    Raises
+    ------
+    HandtrackError
     """
     size, side = _scale(track, source), track.side or "right"
     forearm = "forearm" in track.bone_names

@@ -27,10 +27,14 @@ _LEAST_PX = 1.0
 def forearm_in_view(
     model: ArticulatedModel, posed: Iterable[tuple[Floats[P], Observation]]
 ) -> float | None:
-    """Return how far from the wrist silhouettes show a forearm [m of the mean adult's], the median of frames that tell; 0 where it is
-    too little to model, infinite where it goes on beyond what is looked at, or a cloud shows one; None where no frame tells.
+    """Return how far from the wrist silhouettes show a forearm [m of the mean adult's], the median
+    of frames that tell; 0 where it is too little to model, infinite where it goes on beyond what is
+    looked at, or a cloud shows one; None where no frame tells.
 
-    posed: what was seen of frames, with the solver parameters of the hand there.
+    Parameters
+    ----------
+    posed
+        What was seen of frames, with the solver parameters of the hand there.
     """
     lengths = []
     for params, seen in posed:

@@ -104,10 +104,17 @@ def pose_priors(
     posture: float = 1.0,
     posture_loss: Loss | None = None,
 ) -> list[ParameterTerm]:
-    """Return the priors of a pose by itself: relaxed; hard-to-measure freedoms, such as the clavicles', near rest; joints that go together.
+    """Return the priors of a pose by itself: relaxed; hard-to-measure freedoms, such as the
+    clavicles', near rest; joints that go together.
 
-    rest_rad: standard deviation of joint angles from the relaxed hand's; 0 leaves that prior out. posture: strength of
-    what is known of joints that go together; posture_loss: how it counts where it does not hold.
+    Parameters
+    ----------
+    rest_rad
+        Standard deviation of joint angles from the relaxed hand's; 0 leaves that prior out.
+    posture
+        Strength of what is known of joints that go together.
+    posture_loss
+        How it counts where it does not hold.
     """
     terms: list[ParameterTerm] = []
     if rest_rad > 0:

@@ -94,9 +94,13 @@ class CloudEvidence:
         unbiased: bool,
         palms: Floats[M, D3] | None,
     ) -> list[ObservationTerm]:
-        """Return E1 and E2 around a pose of the shape's model, with arms as long as band_m: coarse, but quick.
+        """Return E1 and E2 around a pose of the shape's model, with arms as long as band_m: coarse,
+        but quick.
 
-        unbiased: as always; distances have no outer side that reaches further than the inner.
+        Parameters
+        ----------
+        unbiased
+            As always; distances have no outer side that reaches further than the inner.
         """
         model = shape.model
         middle = palm_middle(model, params)
@@ -138,7 +142,10 @@ def cloud_evidence(
 ) -> CloudEvidence | None:
     """Return a cloud, world [m], made ready for the search; None where it is too small for a hand.
 
-    seed: decides which of a cell's points stands for it.
+    Parameters
+    ----------
+    seed
+        Decides which of a cell's points stands for it.
     """
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):

@@ -63,9 +63,13 @@ def _cell(points, n, u, v):  # pragma: no cover - compiled
 
 @compiled_as_numpy
 def mark_visible(points, normals, turn, sight, picture, marks):  # pragma: no cover - compiled
-    """Set marks (V,) to whether points (V, 3), turned, are seen from far away along `sight` (3,), which points to the eye.
+    """Set marks (V,) to whether points (V, 3), turned, are seen from far away along `sight` (3,),
+    which points to the eye.
 
-    picture: (64, 64) scratch.
+    Parameters
+    ----------
+    picture
+        (64, 64) scratch.
     """
     # a frame of the picture: two directions across the line of sight
     ax = 0
@@ -100,12 +104,22 @@ def mark_visible(points, normals, turn, sight, picture, marks):  # pragma: no co
 def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cover - compiled
     """Return (R, M) the share of area on which a shape and a cloud disagree, 0 to 1.
 
-    cloud: points (N, 3) and the area of each. distances, field: to cloud and shape, values on a grid, where it begins and its
-    spacing. laid: rotations (R, 3, 3) and places (M, 3). shape: points, normals, the area of each point, the palm's middle, reach.
+    Disagreement is the cloud's area within reach of the palm's middle that is not on the shape, and
+    the shape's visible area that has no cloud.
 
-    Disagreement is the cloud's area within reach of the palm's middle that is not on the shape, and the shape's visible area
-    that has no cloud. eyes: (K, 3) directions to them, and where those of each view begin: all of its eyes must see a point, one
-    view is enough; without views everything is visible.
+    Parameters
+    ----------
+    cloud
+        Points (N, 3) and the area of each.
+    distances, field
+        To cloud and shape, values on a grid, where it begins and its spacing.
+    laid
+        Rotations (R, 3, 3) and places (M, 3).
+    shape
+        Points, normals, the area of each point, the palm's middle, reach.
+    eyes
+        (K, 3) directions to them, and where those of each view begin: all of its eyes must see a
+        point, one view is enough; without views everything is visible.
     """
     (cloud, cloud_area), (distances, map_low, map_spacing) = cloud, distances
     (sights, sight_start), (rotations, places) = eyes, laid
@@ -191,11 +205,22 @@ def silhouette_scores(
 ):  # pragma: no cover - compiled
     """Return (R, M) the share of area on which a shape's outlines and silhouettes disagree, 0 to 1.
 
-    Disagreement is the mask's area within reach of the palm's middle that the shape does not cover, and the shape's area
-    outside the mask, both summed over cameras at the hand's distance. views: projections (C, 3, 4) and focal lengths. pictures:
-    (C, H, W) distance to the mask [px] on every `step`-th pixel, (C, 2) their columns and rows that count, and the step. samples:
-    mask pixels, where those of each camera begin, and the area for which each stands [px²]. laid and shape: as `cloud_scores`.
+    Disagreement is the mask's area within reach of the palm's middle that the shape does not cover,
+    and the shape's area outside the mask, both summed over cameras at the hand's distance.
+
     Once the share is sure to be larger than `enough`, what it is at least is returned.
+
+    Parameters
+    ----------
+    views
+        Projections (C, 3, 4) and focal lengths.
+    pictures
+        (C, H, W) distance to the mask [px] on every `step`-th pixel, (C, 2) their columns and rows
+        that count, and the step.
+    samples
+        Mask pixels, where those of each camera begin, and the area for which each stands [px²].
+    laid, shape
+        As `cloud_scores`.
     """
     (projections, focal), (outside, sizes, step) = views, pictures
     samples, sample_start, sample_area = samples

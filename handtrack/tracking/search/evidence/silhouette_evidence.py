@@ -215,9 +215,14 @@ class SilhouetteEvidence:
         unbiased: bool,
         palms: Floats[M, D3] | None,
     ) -> list[ObservationTerm]:
-        """Return coverage with a band around a pose of the shape's model: on small pictures where it is wide.
+        """Return coverage with a band around a pose of the shape's model: on small pictures where
+        it is wide.
 
-        unbiased: the antisymmetric ramp; in the wide one a model rests inside its mask, a finger by a millimetre at 4 mm.
+        Parameters
+        ----------
+        unbiased
+            The antisymmetric ramp; in the wide one a model rests inside its mask, a finger by a
+            millimetre at 4 mm.
         """
         model = shape.model
         bones, middle = model.bones(params), palm_middle(model, params)
