@@ -233,6 +233,7 @@ class Workbench:
             self.state.tracking = tracking
             self.redraw()
             self.layout.review.ask()
+        self.layout.show_hidden()
         if self._plays_first and progress.state == "idle":  # the demo is open
             self._plays_first = False
             is_tracked = bool((self.layout.timeline.strip.status >= 0).any())

@@ -65,6 +65,8 @@ _ASIDE = (
 )
 """seen whatever tab is open, as the panel with the pose's card may be folded"""
 
+_WAITS = escaped("This waits while tracked frames pass by: pause, or turn off Follow.")
+
 
 class PageLayout:
     """The head of the page; and its panels, once there is a session."""
@@ -196,14 +198,20 @@ class PageLayout:
     def show_pose(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Show a pose in the panels. newest: what can be moved moves, too; no edit is under way."""
         self.pose.show(pose, newest)
-        self.certainty.content = certainty_table(self.pose.names, pose.std)
-        self.limits.show(pose)
+        self.show_hidden()
         if not newest:
             return
         self.timeline.show_pose(pose)
         self.review.show_frame()
         self.tracking.show_frame()
         put(self.aside, visible=pose.origin == BEFORE)
+
+    def show_hidden(self) -> None:
+        """Show the pose in tabs behind others, too, once no tracked frames pass by."""
+        pose, waits = self.pose.pose, self.page.state.passes
+        put(self.certainty, content=_WAITS if waits else certainty_table(self.pose.names, pose.std))
+        if not waits:
+            self.limits.show(pose)
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Show the recording at a glance."""
@@ -238,8 +246,7 @@ class PageLayout:
         """Tell what is said, and keep the reason of a session that cannot be opened for those who come later."""
         self.page.notify(notice.level, notice.title, notice.text)
         if self.progress.state == "failed" and notice.level == "error":
-            self.failure.content = f"**{notice.title}**\n\n{notice.text}"
-            self.failure.visible = True
+            put(self.failure, content=f"**{notice.title}**\n\n{notice.text}", visible=True)
 
 
 # ---- What was said to the user: it stays to be read; and what is to be done or known stands until it is put away

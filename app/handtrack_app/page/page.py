@@ -110,6 +110,11 @@ class UserState:
     """by client, of those that chose"""
     lock: threading.RLock = field(default_factory=threading.RLock)
 
+    @property
+    def passes(self) -> bool:
+        """Whether tracked frames pass by, twenty a second: what is not on the screen waits."""
+        return self.tracking and self.follow
+
     def look(self, client: int | None) -> Look:
         """Return what a page sees through."""
         return Look() if client is None else self.looks.get(client, Look())

@@ -34,6 +34,7 @@ def test_without_a_command_the_bundled_session_opens(handtrack, monkeypatch):
         assert opened["host"] == "127.0.0.1"
     handtrack.does("open", bundled_session(), "--rerun")
     assert opened["rerun"] is True
+    assert "Did you mean 'track'?" in handtrack("trak").err
 
 
 def test_a_mistake_of_ours_is_told_as_one(handtrack, monkeypatch, session):

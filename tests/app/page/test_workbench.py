@@ -3,8 +3,8 @@ through a camera of its own; the next step is offered; settings are undone; name
 
 import json
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import viser
@@ -35,12 +35,11 @@ def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench)
         assert_allclose(turned, camera.rotation.T, atol=1e-6)
         assert_allclose(drawn.position, camera.centre, atol=1e-6)
     drawn = SimpleNamespace(visible=True)
-    view = replace(stage.hand, bones=drawn, joints=drawn)
-    update_hand(view, pose_snapshot(document), Display())
+    update_hand(replace(stage.hand, bones=drawn, joints=drawn), pose_snapshot(document), Display())
     names = document.model.skeleton.bone_names
     ends = drawn.batched_positions[len(names) :]  # of each bone, after where it begins
-    knuckle, next_one = names.index("index_proximal"), names.index("index_intermediate")
-    assert_allclose(ends[knuckle], bones.position[next_one], atol=1e-6)
+    knuckle = bones.position[names.index("index_intermediate")]
+    assert_allclose(ends[names.index("index_proximal")], knuckle, atol=1e-6)
 
 
 def test_a_root_pose_beyond_reason_does_nothing_and_a_good_one_moves_the_hand(bench, wire):
@@ -51,29 +50,33 @@ def test_a_root_pose_beyond_reason_does_nothing_and_a_good_one_moves_the_hand(be
             "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [x, 0.0, 0.0],
         })  # fmt: skip
         eventually(lambda x=x: control.position[0] == x)
-    eventually(
-        lambda: abs(bench.layout.pose.sliders["root_tx"].value - 50.0) < 0.1, "the good one counts"
-    )
+    eventually(lambda: abs(bench.layout.pose.sliders["root_tx"].value - 50.0) < 0.1)  # the good one
     assert bench.state.version == 1
 
 
-def test_the_hand_follows_a_slider_while_tracking(tmp_path):
-    opener = lambda f: fake_document(f, stuck=lambda frame: frame == 4)  # noqa: E731
+def test_tracked_frames_move_what_is_on_the_screen_and_the_hand_follows_a_slider(tmp_path):
+    opener = partial(fake_document, step_s=0.1, stuck=lambda frame: frame == 4)
     with shown(tmp_path, opener=opener) as bench:
+        layout, sliders = bench.layout, bench.layout.pose.sliders
+        slider, hidden = sliders["index_mcp_flex"], sliders["ring_mcp_flex"]
+        limit = layout.limits.ranges["ring_mcp_flex"]._impl.props
+        before = slider.value, hidden.value, limit._marks
         bench.engine.track(0, FRAMES, 0)
-        tracking = bench.layout.tracking
-        eventually(lambda: tracking.progress.state == "tracking")
-        slider = bench.layout.pose.sliders["index_mcp_flex"]
+        eventually(lambda: slider.value != before[0])
+        assert (hidden.value, limit._marks) == before[1:]
+        assert "waits" in layout.certainty.content
+        layout.pose.open("Ring")
+        assert hidden.value != before[1]
         with WireClient(bench.url) as client:
             for k in range(10):
                 sent = client.set_value(slider, 10.0 + 0.5 * k)
-                came = client.wait_for(sent, "/hand/flesh", "batched_positions")
-                assert came is not None, "the hand did not move"
-        assert tracking.progress.state == "tracking"
+                assert client.wait_for(sent, "/hand/flesh", "batched_positions") is not None
+        assert layout.tracking.progress.state == "tracking"
+        assert limit._marks != before[2] and "waits" not in layout.certainty.content
 
 
 def test_a_pose_that_comes_late_leads_nobody_back_to_its_frame(bench, monkeypatch):
-    late, state, asked = bench.stage.pose, bench.state, list[Any]()
+    late, state, asked = bench.stage.pose, bench.state, []
     monkeypatch.setattr(bench.worker, "send", asked.append)
     for frame in (5, 6):
         bench.go_to(frame)
@@ -86,10 +89,9 @@ def test_a_pose_that_comes_late_leads_nobody_back_to_its_frame(bench, monkeypatc
 def test_a_page_that_comes_late_is_told_what_was_said(bench):
     """Fault C41."""
     bench._snapshots.put(snapshots.Notice("done", "Welcome back", "Restored: 3 poses."))
-    eventually(lambda: "Welcome back" in bench.layout.messages.said.content, "said to nobody")
+    eventually(lambda: "Welcome back" in bench.layout.messages.said.content)  # said to nobody
     with WireClient(bench.url) as wire:
-        came = lambda: any("Welcome back" in str(message) for _, message in wire.messages)  # noqa: E731
-        eventually(came)
+        eventually(lambda: any("Welcome back" in str(one) for _, one in wire.messages))
 
 
 def told_value(client, handle):
@@ -107,11 +109,11 @@ def test_c42_two_pages_edit_and_the_last_edit_stands(bench, pages):
         one.set_value(slider, angle)
         eventually(lambda: told_value(other, slider) == angle)  # noqa: B023
     joint = bench.state.names.index("index_mcp_flex")
-    shown = lambda: round(np.rad2deg(bench.stage.pose.values[joint]))  # noqa: E731
-    eventually(lambda: shown() == 60 and not np.allclose(places(), before, atol=1e-3))
+    eventually(lambda: round(np.rad2deg(bench.stage.pose.values[joint])) == 60)
+    eventually(lambda: not np.allclose(places(), before, atol=1e-3))
     for _ in range(2):
         first.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: np.allclose(places(), before, atol=1e-4), "undone, whoever did it")
+    eventually(lambda: np.allclose(places(), before, atol=1e-4))  # undone, whoever did it
     eventually(lambda: abs(slider.value - value) < 0.06)
     assert bench.door.messages.refused == 0
 
@@ -122,7 +124,7 @@ def test_each_page_looks_through_a_camera_of_its_own(bench):
         eventually(lambda: len(bench.server.get_clients()) == 2)
         other.set_value(view.through, "side")
         eventually(lambda: _shown(other, "/screen"))
-        assert not _shown(other, "/cameras"), "its frustum would be in the way"
+        assert not _shown(other, "/cameras")  # its frustum would be in the way
         assert _shown(one, "/screen") is None and _shown(one, "/cameras") is not False
         one.set_value(view.through, "front")
         other.set_value(view.paint, "nothing")
@@ -137,8 +139,8 @@ def test_each_page_looks_through_a_camera_of_its_own(bench):
         other.set_value(view.through, "side")
         eventually(lambda: bench.stage.looking.pictures(None) == wanted)
     eventually(
-        lambda: bench.stage.looking.pictures(None) == (), "of pages that went none is painted"
-    )
+        lambda: bench.stage.looking.pictures(None) == ()
+    )  # of pages that went none is painted
     assert bench.door.messages.refused == 0
 
 
@@ -149,8 +151,7 @@ def _shown(client, node):
 
 
 def _status(bench):
-    strip = bench.layout.timeline.strip
-    return strip.status
+    return bench.layout.timeline.strip.status
 
 
 def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
@@ -159,8 +160,8 @@ def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
     wire.set_value(layout.next.button, True)
     eventually(lambda: all(_status(bench) >= 0) and layout.next.button.visible)
     wire.set_value(layout.next.button, True)
-    eventually(lambda: bench.state.frame == 7, "the doubtful frame")
-    eventually(lambda: not layout.next.button.visible, "it has done its work")
+    eventually(lambda: bench.state.frame == 7)  # the doubtful frame
+    eventually(lambda: not layout.next.button.visible)  # it has done its work
     wire.set_value(layout.review.accept_next, True)
     eventually(lambda: layout.review.done == 1)
     eventually(lambda: layout.next.button.visible)
@@ -169,19 +170,19 @@ def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
 
 
 def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
-    opener = lambda f: fake_document(f, step_s=0.05)  # noqa: E731
+    opener = partial(fake_document, step_s=0.05)
     with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as client:
         button = bench.layout.next.button
         bench.engine.track(3, FRAMES, 3)
         eventually(lambda: (_status(bench) >= 0).sum() > 2)
-        assert not button.visible, "it is under way"
+        assert not button.visible  # it is under way
         bench.engine.cancel()
         eventually(lambda: bench.layout.progress.state == "idle")
         assert np.flatnonzero(_status(bench) >= 0)[-1] < FRAMES - 1
         eventually(lambda: button.visible)
         client.set_value(button, True)
         eventually(lambda: all(_status(bench)[3:] >= 0))
-        assert (_status(bench)[:3] < 0).all(), "only from where it ended"
+        assert (_status(bench)[:3] < 0).all()  # only from where it ended
 
 
 def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench, wire):
@@ -193,12 +194,11 @@ def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench, wire):
     ):
         wire.set_value(bench.layout.pose.sliders[name], angle)
         eventually(lambda name=name: abs(np.rad2deg(value_of(state, name)) - angle) < 0.1, name)  # noqa: B023
-    eventually(lambda: len(history.options) == 4, "three steps, and now")
-    second = next(one for one in history.options if "Ring" in one)
-    wire.set_value(history, second)
+    eventually(lambda: len(history.options) == 4)  # three steps, and now
+    wire.set_value(history, next(one for one in history.options if "Ring" in one))
     eventually(lambda: abs(np.rad2deg(value_of(state, "ring_mcp_flex")) - 30.0) > 1)
-    assert abs(np.rad2deg(value_of(state, "index_mcp_flex")) - 20.0) < 0.1, "the first one holds"
-    eventually(lambda: len(history.options) == 4 and history.options[2] == "now", "two undone")
+    assert abs(np.rad2deg(value_of(state, "index_mcp_flex")) - 20.0) < 0.1  # the first one holds
+    eventually(lambda: len(history.options) == 4 and history.options[2] == "now")  # two undone
     wire.set_value(history, history.options[0])
     eventually(lambda: abs(np.rad2deg(value_of(state, "thumb_ip_flex")) - 15.0) < 0.1)
 
@@ -231,7 +231,7 @@ def test_a_setting_is_marked_undone_saved_and_brought_back_to_session_toml(bench
     assert path.read_text() == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
     assert (control.label, control.value) == ("Cloud", 2.0)
     bench.engine.set_setting("cloud.weight", 1.0)
-    eventually(lambda: control.label == "Cloud •", "now the usual value is a change")
+    eventually(lambda: control.label == "Cloud •")  # now the usual value is a change
 
 
 def test_a_number_of_the_shape_is_set_shown_and_undone(bench, wire):

@@ -126,9 +126,7 @@ class PosePanel:
         """Name the steps that can be undone, and those that were."""
         again = [f"↷ {n}: {words}" for n, words in enumerate(work.undone, 1)][::-1]
         steps = (*again, _NOW, *(f"↶ {n}: {words}" for n, words in enumerate(work.past, 1)))
-        if self.history.options != steps:
-            self.history.options = steps
-        put(self.history, value=_NOW)
+        put(self.history, options=steps, value=_NOW)
 
     def _go_back(self, chosen: str) -> None:
         if chosen != _NOW:
@@ -220,6 +218,7 @@ class PosePanel:
         if group in self.folders:
             for name, folder in self.folders.items():
                 put(folder, visible=name == group)
+            self.move_sliders()
 
     def _add_folder(self, group: str, members: Sequence[str], session: SessionSnapshot) -> None:
         gui = self.page.gui
@@ -250,7 +249,18 @@ class PosePanel:
 
         newest: no edit is under way to another; else the sliders stay where whoever edits has them.
         """
-        for name, value in zip(self.names, pose.values, strict=True) if newest else ():
+        self.pose = pose
+        if newest:
+            self.move_sliders()
+        self._show_card(pose)
+
+    def move_sliders(self) -> None:
+        """Move the sliders to the pose; while tracked frames pass by, those of the group that is open."""
+        if len(self.pose.values) != len(self.names):
+            return  # of a model that is left
+        for name, value in zip(self.names, self.pose.values, strict=True):
+            if self.page.state.passes and not self.folders[group_of(name)].visible:
+                continue
             slider = self.sliders[name]
             shown = round(float(value) / self._unit(name), 1)
             if name.startswith("root_t") and not slider.min + 50 <= shown <= slider.max - 50:
@@ -261,8 +271,6 @@ class PosePanel:
             shown = min(max(shown, slider.min), slider.max)
             if not math.isfinite(slider.value) or abs(slider.value - shown) > 0.051:
                 slider.value = shown
-        self.pose = pose
-        self._show_card(pose)
 
     def show_score(self, score: ScoreSnapshot) -> None:
         """Take a pose's score: it shows beside that pose alone."""
@@ -473,8 +481,8 @@ class GuessesPanel:
         """Show the list of a frame; take the surest of what was just found."""
         self.guesses = guesses
         ranks = tuple(str(rank + 1) for rank in range(len(guesses.guesses)))
-        if ranks and self.takes.options != ranks:
-            self.takes.options = ranks
+        if ranks:
+            put(self.takes, options=ranks)
         self.list.content = _table(guesses)
         self.folder.visible = bool(guesses.guesses)
         if guesses.is_new:

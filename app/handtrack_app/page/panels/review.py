@@ -244,8 +244,8 @@ class ReviewPanel:
         lines = [f"Estimated error of camera '{name}': {off[name]}." for name in off]
         lines += [f"Camera '{name}' is corrected by {corrected[name]}." for name in corrected]
         shown = "<br>".join(map(html.escape, lines))
-        put(self.off, content=text(shown, faint=False, kind="handtrack-warning" if off else ""))
-        put(self.off, visible=bool(lines))
+        shown = text(shown, faint=False, kind="handtrack-warning" if off else "")
+        put(self.off, content=shown, visible=bool(lines))
         for button, words, names in (
             (self.correct, "Apply correction to", list(off)),
             (self.restore, "Remove correction of", list(corrected)),

@@ -331,7 +331,7 @@ class LimitsPanel:
         with self.tab:
             gui.add_html(
                 "<div style='padding:.5em .9em .2em;font-size:.9em;opacity:.75'>How far each joint may bend, in "
-                "degrees. The orange tick is the present angle. The solver stays inside, and so do the pose sliders.</div>"
+                "degrees. The orange tick is the present angle; it waits while tracked frames pass by. The solver stays inside, and so do the pose sliders.</div>"
             )
             self.refits.build()
             self.back = self.page.button(
@@ -354,14 +354,14 @@ class LimitsPanel:
         for s, name in enumerate(self.names):
             if name in self.ranges:
                 shown = degrees(session.interval[s])
-                if tuple(self.ranges[name].value) != shown:
-                    self.ranges[name].value = shown
+                put(self.ranges[name], value=shown)
                 self._name(name, shown)
         self.back.visible = any(map(self._is_changed, self.ranges))
 
     def show(self, pose: PoseSnapshot) -> None:
         """Mark the present angle of every joint between its limits."""
-        for name, value in zip(self.names, pose.values.tolist(), strict=True):
+        # where the model has just become another, the pose of that comes next
+        for name, value in zip(self.names, pose.values.tolist(), strict=False):
             if name in self.ranges:
                 internals.mark(self.ranges[name], float(round(math.degrees(value))))
 

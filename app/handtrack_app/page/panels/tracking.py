@@ -35,7 +35,6 @@ class TrackingPanel:
     progress: ProgressSnapshot
     strip: TimelineSnapshot
     starters: list[Any] = field(default_factory=list)
-    rerun: viser.GuiMarkdownHandle | None = None
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer what the session's size allows."""
@@ -93,6 +92,7 @@ class TrackingPanel:
                 "Open in rerun", page.engine.open_rerun, "chart-dots",
                 "Residuals of every camera in rerun's viewer: of the frames tracked so far, then as they come.",
             )  # fmt: skip
+            self.rerun = page.gui.add_markdown("", visible=False)
         self.show(self.progress)
 
     def _add_range(self, session: SessionSnapshot, last: int) -> None:
@@ -133,11 +133,7 @@ class TrackingPanel:
     def show_rerun(self, rerun: RerunPage) -> None:
         """Show where the residuals of what is tracked can be seen."""
         words = f"[Residuals of every camera, in rerun]({rerun.url})"
-        if self.rerun is not None:
-            self.rerun.content = words
-            return
-        with self.tab:
-            self.rerun = self.page.gui.add_markdown(words)
+        put(self.rerun, content=words, visible=True)
 
     def _follow(self, on: bool) -> None:
         self.page.state.follow = on
@@ -206,12 +202,10 @@ class TrackingPanel:
         self.follow.visible = busy or self.session.live
         put(self.follow, value=self.page.state.follow)
         paused = progress.state == "paused"
-        if (self.pause.label == "Resume") != paused:
-            self.pause.label = "Resume" if paused else "Pause"
-            self.pause.icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
+        icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
+        put(self.pause, label="Resume" if paused else "Pause", icon=icon)
         for button in self.starters:
-            if button.visible == busy:
-                button.visible = not busy
+            put(button, visible=not busy)
         self._show_size()
         self._show_refine()
         self.show_frame()

@@ -97,9 +97,7 @@ class TimelinePanel:
         """Move slider and cursor to a frame; where it is beyond the part that is shown, that goes along."""
         self._frame = frame
         self.look_at(self.window.around(frame))
-        if self.slider.value != frame:
-            put(self.slider, max=max(self.slider.max, frame))
-            self.slider.value = frame
+        put(self.slider, max=max(self.slider.max, frame), value=frame)
         self._show_numbers()
 
     def show_pose(self, pose: PoseSnapshot) -> None:
