@@ -60,13 +60,6 @@ def render(
     return front, np.where(front >= 0, depth, 0.0), normal
 
 
-def render_mask(
-    camera: Camera, flesh: Ellipsoids, rays: Floats[H, W, D3] | None = None
-) -> Array[H, W]:
-    """Return the silhouette uint8, 0 background, 255 hand; exact at pixel centres."""
-    return np.where(render(camera, flesh, rays)[0] >= 0, 255, 0).astype(np.uint8)
-
-
 def shade(
     front: Array[H, W], normal: Floats[H, W, D3], colors: Array[E, D3], background: Array[H, W, D3]
 ) -> Array[H, W, D3]:

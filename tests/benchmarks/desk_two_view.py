@@ -14,7 +14,7 @@ import numpy as np
 from handtrack import Session, TrackResult, read_npz
 from handtrack.bench.measuring import data_folder
 from handtrack.capture.masks.segmentation import mask_method_table
-from handtrack.simulation.render import pixel_rays, render_mask
+from handtrack.simulation.render import pixel_rays, render
 from handtrack.tracking.frame.tables.track_model import model_of
 
 MARKS = Path(__file__).with_name("desk_two_view_marks.json")
@@ -103,7 +103,7 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
         frame, bones = result.frame, model.bones(model.transform.solver_params(result.parameters))
         for name, polygon in drawn_by_eye.get(frame, {}).items():
             flesh = model.flesh["fine"].posed(bones)  # with its forearm: both are cut at the wrist
-            seen = render_mask(session.rig[name], flesh, rays[name]) > 0
+            seen = render(session.rig[name], flesh, rays[name])[0] >= 0
             outlined.append(drawn_overlap(seen, polygon))
         views = marked.get(frame, {})
         for camera in session.rig.cameras:
@@ -117,9 +117,8 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
                 continue
             middle = np.median([m[:2] for m in marks.values()], axis=0)
             observed = hand_side((mask > 0) & (mask != unknown), cut, middle)
-            predicted = hand_side(
-                render_mask(camera, hand.posed(bones), rays[camera.name]) > 0, cut, middle
-            )
+            front, *_ = render(camera, hand.posed(bones), rays[camera.name])
+            predicted = hand_side(front >= 0, cut, middle)
             overlaps.append((observed & predicted).sum() / max((observed | predicted).sum(), 1))
     return {
         "landmarks": len(errors),

@@ -9,7 +9,7 @@ from handtrack import Session, load_model
 from handtrack.model.flesh import Ellipsoids, model_mask
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.motion import MOTIONS, motion
-from handtrack.simulation.render import render_mask
+from handtrack.simulation.render import render
 from handtrack.simulation.simulate import Simulation, simulate
 from tests.cameras import pinhole
 
@@ -65,9 +65,8 @@ FOCAL, SIZE = 200.0, (101, 81)
 def test_a_ball_on_the_axis_is_a_disc_of_its_tangent_cone():
     """Radius r at distance d is seen under tan = r/√(d² − r²)."""
     ball = Ellipsoids(np.zeros(1, int), np.eye(3)[2:], np.eye(3)[None], np.full((1, 3), 0.1))
-    mask = render_mask(pinhole("cam0", SIZE, FOCAL), ball)
-    assert mask.dtype == np.uint8
+    front, *_ = render(pinhole("cam0", SIZE, FOCAL), ball)
     v, u = np.mgrid[: SIZE[1], : SIZE[0]]
     reach = FOCAL * 0.1 / np.sqrt(1.0 - 0.01)
     disc = (u - 50) ** 2 + (v - 40) ** 2 < reach**2
-    assert_array_equal(mask > 0, disc)
+    assert_array_equal(front >= 0, disc)

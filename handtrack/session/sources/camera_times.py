@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -35,12 +34,6 @@ class CameraTimes:
         off = abs(self.own.time_of(own) - time_s)
         return own if own >= 0 and off <= _HALF / self.line.fps else None
 
-    @cached_property
-    def mean_offset_frames(self) -> float:
-        """How far the frames that are joined lie apart on average, in the session's frames: only whole frames are taken."""
-        joined = [f for f in range(_LOOKED_AT) if self.own_frame(f) is not None]
-        return float(np.mean([abs(self.frames_later(f)) for f in joined])) if joined else 0.0
-
     def frames_later(self, frame: int) -> float:
         """Return how many of the session's frames later the camera's image was taken; 0 where it has none."""
         own = self.own_frame(frame)
@@ -53,7 +46,8 @@ class CameraTimes:
     @property
     def note(self) -> str:
         """That the frames that are joined do not show the same moments, in a sentence; empty where they do."""
-        off = self.mean_offset_frames
+        joined = [f for f in range(_LOOKED_AT) if self.own_frame(f) is not None]
+        off = float(np.mean([abs(self.frames_later(f)) for f in joined])) if joined else 0.0
         if off < _OFF_GRID:
             return ""
         return (

@@ -70,31 +70,28 @@ class CameraChanges:
 
     free: Array[D9] = field(default_factory=ALL.copy)
     """which are found; the others stay as they are"""
-    expected: Floats[C] | float = 0.0
-    """[frames] by which the cameras are later as far as is known beforehand"""
+    known: Floats[C, F] | float = 0.0
+    """[frames] by which each frame of theirs is later as far as is known beforehand; how late they are comes on top"""
 
     @classmethod
-    def none(
-        cls, cameras: Sequence[Camera] = (), frames_later: Mapping[str, float] | None = None
+    def of(
+        cls, frames: Sequence[Observation] = (), frames_later: Sequence[Mapping[str, float]] = ({},)
     ) -> CameraChanges:
-        """Return cameras as they were calibrated; frames_later: by name, how many frames later they are, as is known."""
-        expected = np.array([(frames_later or {}).get(camera.name, 0.0) for camera in cameras])
-        values = np.zeros((len(cameras), NUMBERS))
-        values[:, LATE] = expected
-        return cls(tuple(cameras), values, (0,) * len(cameras), expected=expected)
+        """Return those that may change, of masks and joints in some frames, where two can tell; as they were calibrated.
 
-    @classmethod
-    def seen(cls, frames: Sequence[Observation]) -> CameraChanges:
-        """Return those that may change, of masks and joints in some frames, where two can tell; as they were calibrated."""
+        frames_later: of each frame of the recording, by camera, how many frames later it is, as far as is known.
+        """
         seen: dict[str, Camera] = {}
         for one in frames:
             joints = one.image_keypoints
             seen |= {view.camera.name: view.camera for view in (*one.silhouettes, *joints)}
-        frames_later = {
-            name: float(np.median([one.frames_later.get(name, 0.0) for one in frames]))
-            for name in seen
-        }
-        return cls.none(tuple(seen.values()) if len(seen) > 1 else (), frames_later)
+        names = seen if len(seen) > 1 else ()
+        count = len(names)
+        known = np.array([[one.get(name, 0.0) for one in frames_later] for name in names])
+        return cls(
+            tuple(seen[name] for name in names), np.zeros((count, NUMBERS)), (0,) * count,
+            known=known.reshape(count, len(frames_later)),
+        )  # fmt: skip
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -133,12 +130,12 @@ class CameraChanges:
     @property
     def late(self) -> Floats[C]:
         """Of how much later a moment than expected each camera's image is [frames]: below 0 where it is late."""
-        return self.values[:, LATE] - np.array(self.ahead, float) - self.expected
+        return self.values[:, LATE] - np.array(self.ahead, float)
 
     def seen_poses(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> SeenPoses:
         """Return how a camera sees the hand; velocity: of the poses [a frame], as `pose_changes.moved` takes it."""
         values, seen = self.values[camera], self.cameras[camera]
-        on = values[LATE] * velocity
+        on = self.moments(len(poses))[camera, :, None] * velocity
         then = moved(poses, on)
         turn, axis = rotation_matrix(values[TURNED]), seen.rotation[2]
         zoom = np.eye(3) - values[ZOOMED] * np.outer(axis, axis)
@@ -166,6 +163,12 @@ class CameraChanges:
             float(values[WIDER]),
             OUTLINE[self.free].astype(float),
         )
+
+    def moments(self, frames: int) -> Floats[C, F]:
+        """Return how much later than a frame each camera saw the image that is looked at beside it, of so many frames."""
+        known = np.broadcast_to(self.known, (len(self.cameras), frames))
+        beside = np.arange(frames) + np.array(self.ahead, int)[:, None]
+        return self.values[:, LATE, None] + np.take_along_axis(known, beside.clip(0, frames - 1), 1)
 
     @property
     def common(self) -> float:

@@ -191,7 +191,7 @@ class ChosenFrames:
 
     @property
     def shared(self) -> Shared:
-        return Shared(CameraChanges.none(), self.person)
+        return Shared(CameraChanges.of(), self.person)
 
     def of(self, frame: int) -> FrameProblem:
         return FrameProblem.of(self.problems[frame])

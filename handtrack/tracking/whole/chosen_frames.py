@@ -41,7 +41,7 @@ def fit_person(
     observed, current = {one.frame: replace(one, images=()) for one in seen}, np.array(poses)
     gaps = np.diff([one.time_s for one in seen])
     seconds = float(np.median(gaps)) if len(gaps) else 1.0
-    scale, cameras = None, CameraChanges.seen(seen).finding(OUTLINE)
+    scale, cameras = None, CameraChanges.of(seen).finding(OUTLINE)
     for stage, band in enumerate(SIZE_BANDS_MM):
         places = [model.bones(pose).position.mean(axis=0) for pose in current]
         person = PersonChange.of(model, list(zip(seen, places, strict=True)), who)

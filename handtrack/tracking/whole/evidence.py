@@ -25,8 +25,8 @@ from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, by
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
-from handtrack.tracking.size.cameras import LATE, WIDER, CameraChanges, velocities
-from handtrack.tracking.size.estimate import Shared
+from handtrack.tracking.size.cameras import WIDER, CameraChanges, velocities
+from handtrack.tracking.size.estimate import Shared, WholeEstimate
 from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import OpenPerson, PersonChange
@@ -86,12 +86,11 @@ class FrameEvidence(FrameProblem):
             self.prior.model, [*seen, *self.others.observation_terms], self.prior.parameter_terms
         )
 
-    def seen_by(
-        self, changes: CameraChanges, pose: Floats[P], velocity: Floats[P]
-    ) -> tuple[FrameTerms, Problem]:
-        """Return the terms and the whole problem where cameras are as they must have been and saw when they did, and masks are as
-        wide as they are.
+    def seen_by(self, found: WholeEstimate, n: int) -> tuple[FrameTerms, Problem]:
+        """Return the terms and the whole problem at the n-th pose, where cameras are as they must have been and saw when they did, and
+        masks are as wide as they are.
         """
+        changes, pose = found.cameras, found.poses[n]
         named = {camera.name: camera for camera in changes.corrected()}
         wider = dict(zip(changes.names, changes.values[:, WIDER].tolist(), strict=True))
         prepared = [
@@ -114,8 +113,9 @@ class FrameEvidence(FrameProblem):
             keypoints=tuple(map(corrected, self.terms.keypoints)),
             pins=tuple(map(corrected, self.terms.pins)),
         )
-        later = dict(zip(changes.names, changes.values[:, LATE].tolist(), strict=True))
-        terms = at_camera_times(terms, later, pose, velocity)
+        later = changes.moments(len(found.poses))[:, n]
+        own = dict(zip(changes.names, later.tolist(), strict=True))
+        terms = at_camera_times(terms, own, pose, found.speeds[n])
         return terms, stage_problem(terms, pose)
 
     def plain(self, pose: Floats[P]) -> JointSystem:
@@ -149,7 +149,7 @@ class Evidence:
     """frames whose cloud is poor: its depths are doubted"""
     silent: frozenset[int] = frozenset()
     """frames in which the hand is not where it was looked for: what was seen counts for nothing"""
-    cameras: CameraChanges = field(default_factory=CameraChanges.none)
+    cameras: CameraChanges = field(default_factory=CameraChanges.of)
     """those that may change, and how they do"""
     person: PersonChange | None = None
     """where something of the person may change"""
@@ -162,6 +162,8 @@ class Evidence:
     new: float = 1.0
     """share of what one camera's joints say, where they are all that was seen, that earlier frames did not say: their errors
     last (`new_share`)"""
+    frames_later: dict[int, Mapping[str, float]] = field(default_factory=dict)
+    """of each frame that was read, by camera"""
     _held: OrderedDict[int, FrameEvidence] = field(init=False, default_factory=OrderedDict)
 
     def of(self, frame: int) -> FrameEvidence:
@@ -234,6 +236,7 @@ class Evidence:
         bones = model.bones(pose)
         long_arm = bones if self.person is None else self.person.with_long_arm.bones(pose)
         observation = self._observed(frame, bones)
+        self.frames_later[frame] = observation.frames_later
         terms = frame_terms(model, replace(settings, prior=prior), observation, long_arm)
         if self.follows:
             beside = [n for n in (frame - 1, frame, frame + 1) if n in self.around]

@@ -198,7 +198,8 @@ def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     detected = any(isinstance(one, ImageKeypoints) for one in points)
     evidence = replace(evidence, wide=detected and evidence.model.kind == "hand")
     timed = estimate.duration_s >= NEW_POSE_S
-    cameras = CameraChanges.seen([one for one, _ in samples])
+    later = [evidence.frames_later.get(frame, {}) for frame in estimate.frames]
+    cameras = CameraChanges.of([one for one, _ in samples], later)
     cameras = cameras.finding(OUTLINE | TIME if timed else OUTLINE)
     return replace(estimate, evidence=evidence.sharing(evidence.shared.through(cameras)))
 
@@ -391,7 +392,7 @@ def _result(
     _, std, joints = uncertainty(model, pose, np.linalg.inv(covariance))
     judgement = FrameConfidence(before.status, before.reason, joints)
     seen = frame.terms.has_seen
-    terms, problem = frame.seen_by(found.cameras, pose, found.speeds[n])
+    terms, problem = frame.seen_by(found, n)
     energies = problem.costs(pose) if seen else {}
     if seen and before.frame not in evidence.silent | evidence.poor:
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
