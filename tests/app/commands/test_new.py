@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from handtrack import HandtrackError, Session, bundled_session
+from handtrack.detector import weights
 from handtrack.detector.hand_detector import HandDetector
 from handtrack.session.formats.truth import read_truth
 from handtrack_app.commands import detection, track
@@ -110,22 +111,24 @@ def test_the_side_is_seen_and_what_follows_is_done(handtrack, tmp_path, monkeypa
     monkeypatch.setattr(HandDetector, "open", lambda *_: OneHand())
     monkeypatch.setattr(detection, "detect", lambda a: done.append((a.session, a.write, a.masks)))
     monkeypatch.setattr(track, "run", lambda a: done.append((a.session, a.init)))
+    monkeypatch.setattr(weights, "has_weights", lambda: False)
+    monkeypatch.setattr(weights, "fetch_weights", lambda: done.append("fetched"))
     images = ["--images", f"cam0={pictures(tmp_path / 'left', 3)}", "--fps", 30]
     monkeypatch.setattr(OneHand, "right", 0.03)
     out = tmp_path / "a"
-    ended = handtrack.does(*new(out, *images, "--track"))
+    ended = handtrack.does(*new(out, *images, "--track", "--yes"))
     assert "97 % sure" in ended.err
     assert Session.open(out).file.hand.side == "left"
-    assert done == [(out, True, True), (out, "auto")]
+    assert done == ["fetched", (out, True, True), (out, "auto")]
 
     monkeypatch.setattr(OneHand, "right", 0.6)
     handtrack.does(*new(tmp_path / "b", *images))
     assert Session.open(tmp_path / "b").file.hand.side == "right"
     handtrack.does(*new(tmp_path / "c", *images, "--side", "left"))
     assert Session.open(tmp_path / "c").file.hand.side == "left"
-    assert len(done) == 2
+    assert len(done) == 3
     handtrack(*new(tmp_path / "d", *images, "--track", "--masks", "skin_ycrcb"))
-    assert done[2] == (tmp_path / "d", True, False)
+    assert done[3] == (tmp_path / "d", True, False)
 
 
 def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_must_be_some(
@@ -139,8 +142,10 @@ def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_m
     words = new(tmp_path / "made", "--video", f"cam0={film}", "--track")
     refused(handtrack, tmp_path, [*words, "--detector", CALIBRATION], ["calibration.toml"])
     refused(handtrack, tmp_path, [*words, "--masks", "seeded"], ["no weights"])
-    for yes in ([], ["--yes"]):  # that agrees to fetch it, and there is no network
-        assert (handtrack(*words, *yes).code, done.pop()) == (0, "auto")
+    for yes, told in (([], "detector install"), (["--yes"], "pip says")):  # there is no network
+        ended = handtrack(*words, *yes)
+        assert (ended.code, done.pop()) == (0, "auto")
+        assert told in ended.err
         shutil.rmtree(tmp_path / "made")
 
 

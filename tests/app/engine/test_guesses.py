@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handtrack import HandScale
+from handtrack import HandScale, HandtrackError
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack.tracking.frame.result import Alternative
 from handtrack_app.engine import jobs
@@ -94,15 +94,21 @@ def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path):
     assert others.take(5, 0)(known.state).size is None
 
 
-def test_a_search_can_be_cancelled_and_may_find_nothing(bench, search):
-    panel = bench.layout.guesses
+def test_a_search_can_be_cancelled_and_may_find_nothing(bench, wire, search, monkeypatch):
+    def fetch(should_stop):
+        raise HandtrackError("no network")
+
+    monkeypatch.setattr(jobs, "fetch_weights", fetch)
+    panel, messages = bench.layout.guesses, bench.layout.messages
+    wire.set_value(panel.fetch, True)
+    eventually(lambda: "no network" in messages.said.content)
     bench.engine.find_hand(9)
     eventually(lambda: panel.cancel.visible)
     bench.engine.cancel()
     eventually(lambda: not panel.cancel.visible, "cancelled before the search came to its end")
     search.set()
     bench.engine.find_hand(9)
-    eventually(lambda: "No hand found" in bench.layout.messages.said.content)
+    eventually(lambda: "No hand found" in messages.said.content)
     assert panel.guesses is None
 
 
