@@ -1,4 +1,4 @@
-"""The public names; what each is for: docs/library.md."""
+"""The public names; what each is for: docs/reference/python.md."""
 
 from .capture.calibration.formats.resolve import read_cameras as read_cameras
 from .capture.clouds.point_cloud import PointCloud as PointCloud

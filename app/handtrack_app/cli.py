@@ -161,7 +161,7 @@ _SESSION = _option("session", type=Path, help="session folder")
 _POSES = _option("poses", type=Path, metavar="POSES.npz")
 _LANDMARKS = _option(
     "--landmarks", metavar="DEFINITION",
-    help="points: joints (the model's joint centres), or as a detector means them, such as mediapipe21 (default: joints; to evaluate, as the truth says)",
+    help="points: joints (the model's joint centres), or a detector's definition such as mediapipe21 (default: joints; for `evaluate`, that of the truth)",
 )  # fmt: skip
 _CAMERAS = _option(
     "--camera", action="append", default=[], metavar="NAME", help="only this camera; may be repeated (default: all with images)"
@@ -198,35 +198,35 @@ _SERVER = (
 )  # fmt: skip
 
 _MOTION = (
-    _option("--skeleton", type=Path, metavar="FILE.asf", help="of an .amc (default: the one beside it)"),
-    _option("--names", type=Path, metavar="TABLE.toml", help='which joints are which, lines such as left_knee = "LeftLeg"'),
+    _option("--skeleton", type=Path, metavar="FILE.asf", help="skeleton of an .amc file (default: the one beside it)"),
+    _option("--names", type=Path, metavar="TABLE.toml", help='names of the joints, in lines such as left_knee = "LeftLeg"'),
     _option("--unit-m", type=float, metavar="M", help="metres per unit of the file (default: estimated from the person's size)"),
-    _option("--positions", choices=("add", "replace"), help="what a BVH's position channels do to OFFSETs, where it does not show"),
+    _option("--positions", choices=("add", "replace"), help="whether a BVH's position channels add to OFFSETs or replace them, if it is ambiguous"),
 )  # fmt: skip
 
 _KNOWN_PERSON = _option(
-    "--person", type=Path, metavar="FILE", help="a person's file: their shape is fitted, and begins with what that knows"
+    "--person", type=Path, metavar="FILE", help="a person's file; the shape is fitted, starting from it"
 )  # fmt: skip
 _OF_PERSON = (
-    _option("session", type=Path, metavar="SESSION|POSES.npz", help="a session's folder; or a result whose shape was fitted, which is saved"),
+    _option("session", type=Path, metavar="SESSION|POSES.npz", help="session folder, or a result whose fitted shape is saved"),
     _FRAMES,
-    _number("--count", int, 1, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
+    _number("--count", int, 1, default=20, metavar="N", help="number of frames fitted, evenly spaced (20)"),
     _INIT, _YES,
-    _option("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated"),
+    _option("--use", metavar="NAMES", help="observations: silhouettes, cloud; comma-separated"),
     _SET, _KNOWN_PERSON,
     _option("--out", type=Path, metavar="FILE.toml|.json",
-            help="default: person.toml in the session's folder or beside the result; of `size` hand.json, of a body body.json"),
+            help="file to write (default: person.toml beside the session or result; with `size`, hand.json or body.json)"),
 )  # fmt: skip
 COMMANDS: dict[str, _Command] = {
     "open": _Command("workbench:run", "Open the workbench in the browser, on a session folder or on the bundled one.", (
         _option("session", nargs="?", type=Path, help="session folder; with --live, a folder with a calibration will do"),
         _option("--live", action="store_true", help="track running cameras, by the session's settings and calibration"),
         _by_camera("--camera", "NAME=DEVICE",
-                help="with --live: a camera's number, path or address, or a video to be played as if it were one; once per "
+                help="with --live: a camera's number, path or address, or a video played as one; once per "
                 "camera (default: 0, 1, 2 … in the session's order)"),
         _option("--record", type=Path, metavar="FOLDER", help="with --live: record to a new session folder from the start"),
         _number("--tolerance-ms", float, 0.1, 10_000, default=50.0, metavar="T",
-                help="with --live: how far apart the images of one frame may be (50)"),
+                help="with --live: largest time between the images of a frame [ms] (50)"),
         _TAKE_OVER, *_SERVER,
     ), False),
     "start": _Command("workbench:run", "Choose a recording in the browser, or make one from videos, and open the workbench.",
@@ -240,18 +240,18 @@ COMMANDS: dict[str, _Command] = {
         _NEW,
         _option("folder", nargs="?", help=argparse.SUPPRESS),  # refused, and --project named
         _option("--project", type=Path, metavar="FOLDER",
-                help="a Pose2Sim project or trial: its calibration, videos, 2D joints and rate, where you name no others"),
+                help="a Pose2Sim project or trial: its calibration, videos, 2D joints and rate, unless you give others"),
         _option("--calibration", type=Path, action="append", default=[], metavar="FILE",
-                help="of Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, or JSON and NPZ of K, dist, R, t; several: one a camera"),
+                help="calibration of Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, or JSON and NPZ of K, dist, R, t; or one file per camera"),
         _by_camera("--video", "CAMERA=FILE", help="a camera's video; once per camera"),
         _by_camera("--images", "CAMERA=PATTERN",
                 help="a camera's numbered image files instead, such as cam0='left/*.png'"),
-        _by_camera("--depth", "CAMERA=PATTERN", help="its 16 bit depth files"),
+        _by_camera("--depth", "CAMERA=PATTERN", help="a camera's 16-bit depth images"),
         _number("--depth-scale", float, 1e-9, 1, metavar="M", help="metres in one unit of the depth files, such as 0.001"),
         _by_camera("--keypoints", "CAMERA=FILE",
-                help="its 2D joints, of a hand or a body: of OpenPose, MediaPipe, RTMPose, DeepLabCut, SLEAP, or CSV"),
+                help="a camera's 2D joints of a hand or body, from OpenPose, MediaPipe, RTMPose, DeepLabCut, SLEAP or CSV"),
         _option("--layout", metavar="NAME",
-                help="the order of a body's joints, such as body_25 or halpe26 (default: recognised, and said)"),
+                help="the order of a body's joints, such as body_25 or halpe26 (default: recognised and reported)"),
         _option("--person", type=int, metavar="N", help="which of several people; 1 is the tallest one present throughout (default)"),
         _option("--model", metavar="NAME|FILE",
                 help="hand26, body34, another name or your own definition (default: hand26, or body34 for a body's joints)"),
@@ -261,21 +261,21 @@ COMMANDS: dict[str, _Command] = {
         _option("--detector", type=Path, metavar="FILE", help="the hand detector's weights (default: as for `detect`)"),
         _option("--track", action="store_true", help="track after import: detect the hand, then track it"),
         _number("--fps", float, 0.001, 1e6, help="frames a second (default: the first video's)"),
-        _number("--world-unit-m", float, 1e-9, 1e6, help="metres in one unit of the calibration (default: its form's, or inferred)"),
+        _number("--world-unit-m", float, 1e-9, 1e6, help="metres in one unit of the calibration (default: its format's, or inferred)"),
         _option("--names", type=Path, metavar="TABLE.toml",
-                help='which points of --keypoints are which joints, lines such as index_tip = "D2_tip"'),
+                help='names of the points in --keypoints, in lines such as index_tip = "D2_tip"'),
         _option("--lens", choices=("plain", "fisheye"),
-                help="what four distortion coefficients are, where the calibration does not say: k1 k2 p1 p2, or a fisheye's"),
+                help="meaning of four distortion coefficients, if the calibration does not specify it: k1 k2 p1 p2, or a fisheye's"),
         _option("--link", action="store_true", help="link the recordings instead of copying them"),
         _option("--yes", action="store_true", help="accept every default without asking"),
         _option("--scaled", action="store_true", help="accept videos that are scaled versions of the calibration's images"),
         _option("--masks", choices=("seeded", "skin_ycrcb", "background_mog2", "background_median", "none"),
-                help="how silhouettes are found; settings in session.toml (default: seeded, by the joints, where there are some; "
-                "else skin_ycrcb, by skin colour)"),
+                help="segmentation method; its settings are in session.toml (default: seeded, from 2D joints, if there are any; "
+                "otherwise skin_ycrcb, by skin colour)"),
     )),
     "track": _Command("track:run", "Track a session and save poses.npz.", (
         _SESSION, _INIT, _YES, _FRAMES,
-        _option("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated"),
+        _option("--use", metavar="NAMES", help="observations: silhouettes, cloud, keypoints, edges, intensity; comma-separated"),
         _SET, _KNOWN_PERSON,
         _option("--seed", type=int, metavar="N", help="random seed, the setting tracker.seed (default: 0)"),
         _option("--size-later", action="store_true",
@@ -286,14 +286,14 @@ COMMANDS: dict[str, _Command] = {
         _option("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"),
         _option("--restart", action="store_true", help="start over instead of resuming an interrupted run"),
         _TAKE_OVER,
-        _option("--explain", type=int, metavar="FRAME", help="report the searches made in this frame and why the winner won"),
+        _option("--explain", type=int, metavar="FRAME", help="report the searches made in this frame and why a pose was chosen"),
     )),
     "batch": _Command("batch:run", "Track many recordings in parallel and report the worst first.", (
         _option("pattern", nargs="+", metavar="PATTERN", help="session folders, or patterns of them, such as 'takes/*'"),
         _number("--jobs", int, 1, default=1, metavar="N", help="recordings at a time on this machine (1)"),
         _option("--dask", metavar="ADDRESS", help="on a dask cluster instead: its scheduler's address"),
-        _option("--resume", action="store_true", help="skip recordings that the same inputs were already tracked for"),
-        _option("--out", type=Path, default=Path("batch"), metavar="DIR", help="of ledger, reports, logs (./batch); results stay "
+        _option("--resume", action="store_true", help="skip recordings already tracked with the same inputs"),
+        _option("--out", type=Path, default=Path("batch"), metavar="DIR", help="for ledger, reports and logs (./batch); results stay "
                 "with their recordings"),
         _number("--most-lost", float, 0, 1, default=0.5, metavar="SHARE", help="a recording with more lost frames makes the exit code 3 (0.5)"),
         _INIT, _YES, _FRAMES,
@@ -313,12 +313,12 @@ COMMANDS: dict[str, _Command] = {
     "export": _Command("results:export_poses", "Write a tracked sequence for other programs.", (
         _POSES,
         _option("--to", metavar="FORMAT", help=f"{_listed([f.name for f in FORMATS], 'or')}; without it, the formats are described"),
-        _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
-        _option("--up", metavar="AXIS", help=f"which of the world's axes points up: x, y, z, or --up=-y where y points down; {_listed([f.name for f in FORMATS if f.up], 'and')} then stand upright (default: nothing is turned)"),
+        _option("--out", type=Path, metavar="FILE", help="file to write (default: beside the poses)"),
+        _option("--up", metavar="AXIS", help=f"which of the world's axes points up: x, y, z, or --up=-y where y points down; {_listed([f.name for f in FORMATS if f.up], 'and')} are then rotated upright (default: no rotation)"),
         _LANDMARKS,
         _option("--mano", type=Path, metavar="MODEL", help="your MANO_RIGHT.pkl or MANO_LEFT.pkl, which --to mano fits"),
-        _option("--metadata", type=Path, metavar="FILE.toml", help="what archives (nwb) ask of subject and session: subject_id, species, sex, age, start, description, experimenter, institution, lab"),
-        _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"),
+        _option("--metadata", type=Path, metavar="FILE.toml", help="what archives (nwb) require about subject and session: subject_id, species, sex, age, start, description, experimenter, institution, lab"),
+        _option("--session", type=Path, metavar="DIR", help="session with the images (default: the one that contains the poses)"),
     )),
     "evaluate": _Command("checks:compare_with_truth", "Compare a tracked sequence with the truth.", (
         _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _LANDMARKS,
@@ -327,53 +327,53 @@ COMMANDS: dict[str, _Command] = {
     "skin": _Command("person:fit_skin", "Fit the skin colour filter of point clouds to manually segmented images.", (
         _SESSION,
         _option("--segmented", nargs=2, action="append", metavar=("IMAGE", "MASK"),
-                help="an image file and its mask; several times (default: what was painted in the session's masks)"),
-        _number("--size", float, 0.01, 100, default=2.5, help="of the ellipse, standard deviations (2.5)"),
+                help="an image file and its mask; may be repeated (default: the masks painted in the session)"),
+        _number("--size", float, 0.01, 100, default=2.5, help="size of the ellipse, in standard deviations (2.5)"),
     )),
     "simulate": _Command("simulate:run", "Make a simulated recording with truth.", (
         _NEW,
         _option("--cameras", type=int, default=3),
-        _number("--frames", int, 1, help="100; of a motion file, all"),
-        _number("--size", int, 1, 8192, nargs=2, default=(640, 480), metavar=("W", "H"), help="pixels"),
-        _option("--model", choices=("hand26", "body34", "body38"), help="hand26; of a motion file, what its names are of"),
+        _number("--frames", int, 1, help="number of frames (100; for a motion file, all)"),
+        _number("--size", int, 1, 8192, nargs=2, default=(640, 480), metavar=("W", "H"), help="image size in pixels"),
+        _option("--model", choices=("hand26", "body34", "body38"), help="default: hand26, or for a motion file the one that its joint names match"),
         _option("--motion", metavar="NAME|FILE",
-                help="open_fist_open, curl, gestures or still; of a body: dance, greet or still; or a motion file: BVH, AMC, TRC, C3D"),
-        *_MOTION, _option("--motion-fps", type=float, metavar="RATE", help="of a motion file that does not say it (AMC)"),
+                help="open_fist_open, curl, gestures or still; for a body: dance, greet or still; or a motion file: BVH, AMC, TRC, C3D"),
+        *_MOTION, _option("--motion-fps", type=float, metavar="RATE", help="frame rate of a motion file that has none (AMC)"),
         _SIDE,
-        _number("--scale", float, 0.3, 3, default=1.0, help="1 is a hand of 187 mm, a body of 1.75 m"),
+        _number("--scale", float, 0.3, 3, default=1.0, help="size; 1 is a hand of 187 mm, a body of 1.75 m"),
         _option("--forearm", action="store_true", help="with a bare forearm"),
-        _option("--distance", type=float, help="of the cameras [m]: 0.5, around a body 3.5"),
+        _option("--distance", type=float, help="distance of the cameras [m] (0.5; for a body 3.5)"),
         _option("--fps", type=float, default=25.0),
         _option("--no-images", action="store_true", help="masks alone, no videos"),
         _number("--joints-px", float, 0, 100, metavar="PX", help="also 2D joints like a detector's, with this error"),
         _option("--clouds", action="store_true", help="also the cameras' point clouds"),
         _option("--distortion", action="store_true", help="lenses with distortion"),
-        _number("--init-noise-mm", float, 0, 100, default=5.0, help="of the keypoints in init.json; 0: exact pose"),
-        _number("--seed", int, 0, default=0, help="of motion and noise"),
+        _number("--init-noise-mm", float, 0, 100, default=5.0, help="noise of the keypoints in init.json; 0: exact pose"),
+        _number("--seed", int, 0, default=0, help="random seed of motion and noise"),
     )),
     "retarget": _Command("simulate:retarget", "Fit a model's size and joint angles to a motion file (BVH, AMC, TRC, C3D).", (
         _option("file", type=Path, metavar="FILE"),
         _option("--out", type=Path, required=True, metavar="SESSION|POSES.npz", help="a session's folder to make, or a file of poses"),
-        _option("--model", metavar="NAME", help="body34, hand26 or another (default: what the file's names are of)"),
+        _option("--model", metavar="NAME", help="body34, hand26 or another (default: the one that the file's joint names match)"),
         _SIDE, *_MOTION,
-        _option("--fps", dest="motion_fps", type=float, metavar="RATE", help="frames a second, where the file does not say it (AMC)"),
+        _option("--fps", dest="motion_fps", type=float, metavar="RATE", help="frames per second, if the file has no rate (AMC)"),
         _option("--scale", type=Path, metavar="FILE.json", help="a person's saved size (default: fitted)"),
     )),
     "model": _Command("checks:check_model", "Check a model definition, or convert a URDF, MJCF or BVH to one.", (
         _option("action", choices=("check",), help="what to do"),
         _option("file", type=Path, metavar="FILE", help="a definition (.toml), or a URDF, MJCF or BVH"),
-        _option("--out", type=Path, metavar="FILE", help="also write it: as a definition, to be changed by hand (.toml), or as a robot (.urdf)"),
+        _option("--out", type=Path, metavar="FILE", help="also write it, as an editable definition (.toml) or a robot (.urdf)"),
     )),
     "warmup": _Command("checks:compile_kernels", "Compile the kernels now instead of at the first frame.", ()),
     "detect": _Command("detection:detect", "Find the hand in a session's images and write its 21 joints as files.", (
         _SESSION, _FRAMES,
         _option("--weights", type=Path, metavar="FILE",
-                help="the detector's (default: what HANDTRACK_DETECTOR names, or `handtrack detector install` left)"),
+                help="the detector's weights (default: from HANDTRACK_DETECTOR, or from `handtrack detector install`)"),
         _CAMERAS,
         _number("--every", int, 1, default=1, metavar="N", help="only every N-th frame (default: 1)"),
         _option("--write", action="store_true", help="also use these joints in session.toml"),
-        _option("--masks", action="store_true", help="with --write: also segment by them (method seeded) where masks are not files"),
-        _option("--backend", choices=("opencv", "litert"), help="what runs the networks (default: litert where installed)"),
+        _option("--masks", action="store_true", help="with --write: also segment from them (method seeded), unless masks are files"),
+        _option("--backend", choices=("opencv", "litert"), help="runtime of the networks (default: litert if installed)"),
     )),
     "masks": _Command("detection:segment_again", "Re-segment the images with the tracked poses and save the masks.", (
         _SESSION,
@@ -384,11 +384,11 @@ COMMANDS: dict[str, _Command] = {
     "detector": _Command("detection:install", "Install the hand detector's weights for all sessions.", (
         _option("action", choices=("install",), help="what to do"),
         _option("file", nargs="?", type=Path, metavar="FILE",
-                help="hand_landmarker.task, or a wheel of MediaPipe that has it (default: fetched by pip, 36 MB)"),
+                help="hand_landmarker.task, or a wheel of MediaPipe that contains it (default: fetched by pip, 36 MB)"),
     )),
     "stereo": _Command("detection:match_stereo", "Match calibrated pairs of images and write point clouds.", (
         _SESSION, _FRAMES,
-        _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"),
+        _option("--out", type=Path, metavar="FOLDER", help="folder for the .ply files (default: SESSION/clouds)"),
     )),
     "calibrate": _Command("calibration:calibrate", "Calibrate cameras from images or videos of a moving board.", (
         _option("--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"),
@@ -408,14 +408,14 @@ COMMANDS: dict[str, _Command] = {
     "board": _Command("calibration:save_board", "Write a calibration board to print, in its true size.", (
         _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
         _BOARD,
-        _number("--dpi", float, 50, 2400, default=300.0, help="of a PNG; SVG and PDF are exact"),
+        _number("--dpi", float, 50, 2400, default=300.0, help="resolution of a PNG; SVG and PDF are exact"),
     )),
     "doctor": _Command("doctor:check_session", "Check a session folder and report problems.", (
         _SESSION,
         _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand if joints locate it; suspect cameras are orange"),
     )),
     "completion": _Command("completion:print_script", "Print the script by which a shell completes commands, options and files.", (
-        _option("shell", choices=("bash", "zsh"), help='for bash: eval "$(handtrack completion bash)" in ~/.bashrc; of zsh a file _handtrack in $fpath'),
+        _option("shell", choices=("bash", "zsh"), help='for bash: eval "$(handtrack completion bash)" in ~/.bashrc; for zsh: save it as _handtrack in $fpath'),
     ), False),
     "bench": _Command("checks:run_benchmarks", "Run the benchmarks: each figure beside its reference, in one run.", (
         _option("name", nargs="?", help="one benchmark (default: all quick ones)"),

@@ -119,7 +119,7 @@ FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat(
         "csv-long",
         "_long.csv",
-        "Tidy tables for statistics (R, pandas): joints, angles (ours and ISB's) and bones' quaternions, with standard deviations.",
+        "Tidy tables for statistics (R, pandas): joints, angles (handtrack's and ISB's) and bones' quaternions, with standard deviations.",
         "Spreadsheets and statistics",
         "m, °",
         "tables.csv_long",
@@ -268,7 +268,7 @@ FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat(
         "mano",
         "_mano.npz",
-        "Shape and pose of your own MANO model, for programs that learn from hands (--mano FILE).",
+        "Shape and pose of your own MANO model, for machine learning (--mano FILE).",
         "Keypoints of detectors",
         "m, rad",
         "mano",
@@ -317,7 +317,7 @@ FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat(
         "report",
         "_report.html",
-        "A page on how the tracking went: states, doubts, curves.",
+        "A page on the tracking: status, confidence, curves.",
         "Films and reports",
         "",
         "shown.report",

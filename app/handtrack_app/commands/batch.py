@@ -275,7 +275,7 @@ def _cause(log: Path, code: int) -> str:
         return f"it was ended by signal {-code}{_OF_SIGNALS.get(-code, '')}"
     lines = log.read_text(errors="replace").splitlines()[-_LONGEST:]
     said = [line for line in lines if line.startswith("handtrack track: ")]
-    return (said or lines or ["it said nothing"])[-1].removeprefix("handtrack track: ")
+    return (said or lines or ["no output"])[-1].removeprefix("handtrack track: ")
 
 
 def _p_off(file: Path) -> float | None:
@@ -482,10 +482,10 @@ def _html(rows: Sequence[Outcome]) -> str:
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>handtrack batch</title><style>{_STYLE}</style></head><body>
 <h1>handtrack batch</h1><p>{escape(in_words(rows))}. The worst first: those without a result, then by lost frames, those of low confidence, and
-how probably joints are off.</p>
+the probability of large errors.</p>
 <input placeholder="show only those with …" aria-label="show only those with">
-<table><thead><tr><th>recording</th><th>frames</th><th>lost</th><th>low confidence</th><th title="mean probability that some joint is more
-than 25 mm off">P off</th><th>s</th><th>what is to be known</th><th>workbench</th></tr></thead>
+<table><thead><tr><th>recording</th><th>frames</th><th>lost</th><th>low confidence</th><th title="mean probability that a joint's
+error exceeds 25 mm">P(error)</th><th>s</th><th>notes</th><th>workbench</th></tr></thead>
 <tbody>
 {body}
 </tbody></table><script>{_SCRIPT}</script></body></html>

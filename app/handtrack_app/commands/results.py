@@ -195,13 +195,13 @@ def _listed(take: Take, spans: Sequence[Span]) -> tuple[dict[str, object], str]:
         about = take.about
     except HandtrackError as error:
         return told | {"damage": str(error)}, f"take {take.number}: {size}, damaged"
-    counts = Counter(status.name.lower() for status in take.statuses.values())
+    counts = Counter(take.statuses.values())
     told |= {
-        "begun": about.begun, "by": about.by, "frames": about.frames, "statuses": dict(counts), "finished": take.is_finished,
+        "begun": about.begun, "by": about.by, "frames": about.frames, "statuses": {s.name.lower(): n for s, n in counts.items()}, "finished": take.is_finished,
         "settings": json.loads(about.labels.settings or "{}"), "versions": dict(about.versions),
     }  # fmt: skip
     first, stop = about.frames
-    by_status = [f"{count} {status}" for status, count in counts.items()]
+    by_status = [f"{count} {status.words}" for status, count in counts.items()]
     words = [f"frames {first}:{stop}", *(by_status or ["none tracked"]), size]
     words += [] if take.is_finished else ["not finished"]
     if current:

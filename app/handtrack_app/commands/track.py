@@ -226,7 +226,7 @@ def _doubts(results: Sequence[FrameResult]) -> list[str]:
         if found:
             frames = listed([r.frame for r in found])
             notes.append(
-                f"{word}: frames {frames}; the first: {found[0].note or 'no reason told'}."
+                f"{word}: frames {frames}; the first: {found[0].note or 'no reason given'}."
             )
     queue = queue_words(intervals_to_review(sorted(results, key=lambda r: r.frame)))
     return [*notes, queue] if queue else notes

@@ -576,7 +576,7 @@ class Document:
         """Raise HandtrackError for a frame that was accepted."""
         if frame in self.accepted:
             raise HandtrackError(
-                f"Frame {frame} is accepted, so no fit changes it. Let it go first: in the tab Review."
+                f"Frame {frame} is accepted, so no fit changes it. Release it first, in the Review tab."
             )
 
     # ---- cameras

@@ -220,7 +220,7 @@ _WORDS = {
     "preparing": "Preparing the first frame …",
     "sizing": "Fitting the size (once a session) …",
     "finding": "Looking for it in the images …",
-    "carrying": "Carrying corrected masks on …",
+    "carrying": "Propagating corrected masks …",
     "refining": "Refining all frames together …",
 }
 
@@ -452,9 +452,9 @@ class JobControl:
             case list():
                 self._found(event)
             case dict():
-                self._store.do("Corrected masks carried on", decide(correction=event))
-                many = f"To {len(event)} frames; undo takes it back."
-                self._publish(Notice("done", "The correction is carried on", many))
+                self._store.do("Corrected masks propagated", decide(correction=event))
+                many = f"To {len(event)} frames; undo reverts it."
+                self._publish(Notice("done", "The correction is propagated", many))
             case JobEnded() as end:
                 self._ended(job, end)
 
@@ -562,7 +562,7 @@ class JobControl:
         document, live, outcomes = self._document, self._live, list(self._outcomes.values())
         cancelled = Notice("done", "Cancelled", "") if end.cancelled else None
         if end.problem is not None:
-            title = "Not carried on" if job.kind == "carrying" else "Tracking stopped"
+            title = "Not propagated" if job.kind == "carrying" else "Tracking stopped"
             return Notice.of_error(end.problem, title)
         if job.kind == "refining":
             return cancelled or Notice("done", "Refined", moved_words(self._moves))

@@ -39,7 +39,7 @@ class ReviewService(Service):
         frames = {f for first, last in spans for f in range(first, last + 1)}
         values = edits.accepted(self.document, frames, on)
         named = f"Frame {min(frames, default=0)}" if len(frames) == 1 else f"{len(frames)} frames"
-        if self.store.do(f"{named} {'accepted' if on else 'let go'}", values):
+        if self.store.do(f"{named} {'accepted' if on else 'released'}", values):
             self.publish(pose_snapshot(self.document))
             self.opened.announce(timeline_snapshot(self.document))
 

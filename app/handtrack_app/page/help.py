@@ -16,17 +16,17 @@ from handtrack_app.page.panels.tracking import TrackingPanel
 _KEPT_AS = "handtrack.toured"  # in the browser's storage
 _LEAVE = "Leave"
 _GESTURES = (
-    ("Drag", "Turns the free view; moves the picture of a camera"),
-    ("Wheel", "Nearer and farther; through a camera: larger and smaller"),
+    ("Drag", "Turns the orbit view; moves the image of a camera view"),
+    ("Wheel", "Zooms"),
     (
         "Drag the {kind}",
-        "Through a camera: a joint or segment is pinned there; the {middle} takes the whole {kind} along",
+        "In a camera view: pins a joint or segment; the {middle} moves the whole {kind}",
     ),
     (
         "Shift drag",
-        "Of the {kind}, through a camera: turns it, as the right button does; in the orbit view: pulls a joint or segment",
+        "On the {kind}: in a camera view turns it, as the right button does; in the orbit view pulls a joint or segment",
     ),
-    ("Arrows, arcs", "Of the handle: move and turn the {kind}"),
+    ("Arrows, arcs", "On the handle: move and turn the {kind}"),
 )
 TOUR = (
     (
@@ -35,11 +35,11 @@ TOUR = (
     ),
     (
         "Pin a joint",
-        "Press 1 for a camera view, then drag a joint to where the picture has it.",
+        "Press 1 for a camera view, then drag a joint to its place in the image.",
     ),
     (
         "Review",
-        "Shift Z shows the interval of lowest confidence. <b>Accept and next</b>, in the tab Review, locks it.",
+        "Shift Z shows the interval of lowest confidence. <b>Accept and next</b>, in the tab Review, accepts it.",
     ),
     ("Plot", "Review, then Plots: choose what to see over time."),
     ("Export", "More, then Export: download joint angles and positions."),
@@ -96,9 +96,7 @@ class Help:
             for how, what in known
             if wanted.strip().lower() in f"{say(how)} {say(what)}".lower()
         )
-        return (
-            f"<div class='handtrack-keys' tabindex='0'>{rows or 'Nothing has these words.'}</div>"
-        )
+        return f"<div class='handtrack-keys' tabindex='0'>{rows or 'No match.'}</div>"
 
     def tour(self, client: viser.ClientHandle) -> None:
         """Begin the tour."""
@@ -159,19 +157,19 @@ def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
         ("First frame", "home", lambda: page.go_to(state.start)),
         ("Last frame", "end", lambda: page.go_to(state.stop - 1)),
         (
-            "Keep this pose: a keyframe",
+            "Set keyframe: this pose",
             "M",
             lambda: page.engine.take_pose(state.frame, "shown", state.begin_edit()),
         ),
         (
-            "No keyframe here: the tracked pose",
+            "Remove keyframe: the tracked pose again",
             "shift+M",
             lambda: page.engine.forget_pose(state.frame, state.begin_edit()),
         ),
         ("Track: from here on", "shift+T", partial(tracking.start, "forward ▶")),
         ("Track: from here back", "shift+B", partial(tracking.start, "◀ backward")),
         ("Track: all frames", "", partial(tracking.start, "all")),
-        ("Track: pause, and go on", "shift+P", tracking.pause_or_go_on),
+        ("Track: pause or resume", "shift+P", tracking.pause_or_go_on),
         ("Track: cancel", "shift+C", page.engine.cancel),
         ("Refine all frames together", "shift+R", page.engine.refine),
         ("Save the track", "shift+V", page.engine.save_track),

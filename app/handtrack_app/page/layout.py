@@ -256,7 +256,7 @@ _COLOURS = {GUIDE: "#56b4e9", INFO: "#56b4e9", DONE: "#009e73", "warning": "#e69
 _FRAME, _LINK = re.compile(r"\b(frame) (\d+)", re.I), r"<a href='#' data-frame='\2'>\1 \2</a>"
 """the style's script goes to the frame of such a link"""
 _MOST = 100  # messages that are kept
-_NONE = escaped("Nothing was said yet.")
+_NONE = escaped("No messages yet.")
 
 
 @dataclass

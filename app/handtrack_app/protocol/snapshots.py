@@ -116,7 +116,7 @@ class CloseSnapshot:
 # ---- The timeline: the whole recording, and what is new of it
 
 
-COST, ERROR, PROBABILITY, VIEWS, MOVED = "cost", "error mm", "probably off", "views", "changed mm"
+COST, ERROR, PROBABILITY, VIEWS, MOVED = "cost", "error mm", "P(error)", "views", "changed mm"
 """lanes: a frame's cost; the error against the truth; how probably a joint is 25 mm off; the views that the cost is of; how far the
 take that shows moved a joint from the one below it"""
 TERM = "cost: "

@@ -383,7 +383,7 @@ def _layout(kinds: Set[str] = frozenset()) -> Blueprint:
                 rrb.Grid(*[_pictures_view(kind) for kind in shown]),
             ),
             rrb.Vertical(
-                rrb.TimeSeriesView(origin="/energy", name="Energy by term"),
+                rrb.TimeSeriesView(origin="/energy", name="Cost by term"),
                 rrb.TimeSeriesView(origin="/overlap", name="Overlap by camera"),
                 rrb.TimeSeriesView(origin="/error", name="Error [mm]"),
                 rrb.TimeSeriesView(origin="/parameters", name="Parameters [m, rad]"),

@@ -54,7 +54,7 @@ _TRACKED: dict[str, tuple[str, ...]] = {
     "body": ("--model", "body34"),
 }
 _LENSES: dict[str, tuple[str, ...]] = {
-    "as the calibration says": (),
+    "as in the calibration": (),
     "four coefficients are k1 k2 p1 p2": ("--lens", "plain"),
 }
 """words → what `new` is told"""
@@ -95,7 +95,7 @@ class StartPage:
             self._add_cards(gui)
         with gui.add_folder("Folder on this machine") as self.browsing:
             self.folder = gui.add_text(
-                "Folder", "", hint="Of a session, or with a video for each camera."
+                "Folder", "", hint="A session folder, or a folder with a video for each camera."
             )
             self.listed = gui.add_html("")
         with gui.add_folder("Import videos") as self.making:
@@ -310,18 +310,18 @@ class StartPage:
         self.calibration = gui.add_text(
             "Calibration",
             "",
-            hint="Its file, if it lies elsewhere; of one file for each camera all, with semicolons between: Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, JSON, NPZ …",
+            hint="Its file, if it is elsewhere; several files, one per camera, separated by semicolons: Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, JSON, NPZ …",
         )
         self.calibration.on_update(lambda event: self._tried(self.look) if event.client else None)
         self.upload = gui.add_upload_button(
             "Upload calibration", icon=viser.Icon.UPLOAD, color="gray", mime_type=",".join(CALIBRATIONS),
-            hint=f"From the computer that shows this page, at most {LARGEST_FILE // 1024} kB; of one file for each camera one after the other.",
+            hint=f"From the computer that shows this page, at most {LARGEST_FILE // 1024} kB; several files, one per camera, one after the other.",
         )  # fmt: skip
         self.door.messages.files[id_of(self.upload)] = self._uploaded
         self.track = gui.add_checkbox(
             "Track after import",
             False,
-            hint="Finds the hand in the images, where the hand detector is installed, or the body by its 2D joints, and tracks all frames.",
+            hint="Finds the hand in the images, if the hand detector is installed, or the body from its 2D joints, and tracks all frames.",
         )
         self.fetch = self._button(
             f"Get the hand detector ({DOWNLOAD_MB} MB)", self.fetch_detector, icon=viser.Icon.DOWNLOAD,
@@ -334,19 +334,19 @@ class StartPage:
             self.out = gui.add_text("Output folder", "")
             self.tracked = gui.add_dropdown(
                 "Subject", tuple(_TRACKED),
-                hint="Detect: a body where the 2D joints are a body's; else a hand, right or left as the hand detector reports it "
-                "where it is installed, else right.",
+                hint="Detect: a body if the 2D joints are a body's, otherwise a hand: right or left as the hand detector reports, "
+                "right if it is not installed.",
             )  # fmt: skip
             self.unit = gui.add_text(
                 "Unit in metres",
                 "",
-                hint="Of the calibration's lengths: 1 for metres, 0.001 for millimetres, the side of a square for a board "
-                "counted in squares. Empty: as its form says, or as fits the subject.",
+                hint="Unit of the calibration's lengths: 1 for metres, 0.001 for millimetres, the side of a square for a board "
+                "counted in squares. Empty: taken from its format, or inferred from the subject's size.",
             )
             self.lens = gui.add_dropdown(
                 "Lens",
                 tuple(_LENSES),
-                hint="Four distortion coefficients may also be a fisheye's, which is not supported. Needed where the file does not say.",
+                hint="Four distortion coefficients may also be a fisheye's, which is not supported. Needed if the file does not specify it.",
             )
             self.masks = gui.add_dropdown(
                 "Segmentation", tuple(_MASKS), hint="How the subject is separated from the background; can be changed later.",
@@ -354,12 +354,12 @@ class StartPage:
             self.scaled = gui.add_checkbox(
                 "Videos are scaled",
                 False,
-                hint="They are of another size than the calibration's images, of equal shape.",
+                hint="They have the calibration images' aspect ratio, but another size.",
             )
             self.link = gui.add_checkbox(
                 "Link videos (no copy)",
                 False,
-                hint="The videos stay where they are: the session works for you alone, on this machine.",
+                hint="The videos stay where they are; the session works on this machine only.",
             )
 
     # ---- what runs
@@ -389,7 +389,7 @@ class StartPage:
         def end(code: int) -> None:
             self._program = None
             self._show_running(False)
-            progress.title = "Done." if code == 0 else "It was refused:" if code == 2 else "It ended early:"  # fmt: skip
+            progress.title = "Done." if code == 0 else "It was refused:" if code == 2 else "It stopped early:"  # fmt: skip
             said = [line.replace("--world-unit-m", "'Unit in metres' under 'More'") for line in progress.lines]  # fmt: skip
             self.output.content = text(f"<b>{progress.title}</b>", faint=False) + "".join(map(escaped, said))  # fmt: skip
             if code == 0 and then is not None:

@@ -67,7 +67,7 @@ class CloudFilters:
     )
     crop_m: float | None = setting(
         0.1,
-        "Largest distance to the hand of the frame before; without such a hand nothing is cropped.",
+        "Largest distance to the previous frame's hand; without one, nothing is cropped.",
         label="To hand mm",
         unit="m",
         above=0.0,
@@ -81,16 +81,16 @@ class CloudFilters:
     )
     component: Literal["all", "nearest", "largest"] = setting(
         "all",
-        "Of the parts that hang together, which one is the hand: all, the nearest to the cameras, or the largest. "
-        "From depth images it is the nearest unless this says otherwise.",
+        "The connected part that is the hand: all, the nearest to the cameras, or the largest. "
+        "For depth images the default is the nearest.",
         label="Piece kept",
         words={"all": "all", "nearest": "nearest to a camera", "largest": "largest"},
     )
     front_m: float | None = setting(
         None,
-        "How much farther than its nearest end the nearest part may reach; cuts a hand held out from the body it "
-        "hangs on.",
-        label="Depth of it mm",
+        "Depth of the nearest part, from its nearest point; separates a hand held out from the body "
+        "behind it.",
+        label="Its depth mm",
         unit="m",
         above=0.0,
         slider=(0, 500, 5),
@@ -106,11 +106,11 @@ class CloudFilters:
         page_unit=0.001,
     )
     per_voxel: int = setting(
-        1, "Points that stay in each cell.", label="Points a cell", low=1, slider=(1, 20, 1)
+        1, "Points that remain in each cell.", label="Points a cell", low=1, slider=(1, 20, 1)
     )
     outlier_neighbours: int | None = setting(
         8,
-        "Neighbours whose mean distance is looked at, to drop points that lie alone.",
+        "Number of neighbours whose mean distance identifies isolated points.",
         label="Neighbours",
         low=1,
         slider=(0, 40, 1),
@@ -124,7 +124,7 @@ class CloudFilters:
     )
     max_points: int | None = setting(
         4000,
-        "A random part of this many points stays.",
+        "Number of points that remain, chosen at random.",
         label="Most points",
         low=1,
         slider=(0, 20000, 250),

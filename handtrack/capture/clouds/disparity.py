@@ -112,7 +112,7 @@ class StereoSettings:
     )
     window_px: int | None = setting(
         None,
-        "Side of the squares that are compared, odd; larger is denser and rounder. Unless set, 5 for sgbm and 11 for "
+        "Side of the compared windows, odd; larger is denser and smoother. Unless set, 5 for sgbm and 11 for "
         "correlation.",
         label="Window px",
         unit="px",
@@ -129,7 +129,7 @@ class StereoSettings:
     )
     contrast: float = setting(
         1.0,
-        "Standard deviation around a pixel below which nothing is matched: what is found there is made up.",
+        "Standard deviation around a pixel below which nothing is matched: matches there are spurious.",
         label="Contrast",
         unit="grey levels",
         above=0.0,
@@ -137,7 +137,7 @@ class StereoSettings:
     )
     speckle_px: int = setting(
         80,
-        "A patch of fewer pixels that stands off from its surroundings is taken for wrong.",
+        "Smaller patches whose depth differs from their surroundings are rejected.",
         label="Speckle px",
         unit="px",
         low=1,

@@ -121,7 +121,7 @@ def _picture(
             if np.isfinite(places[[a, b]]).all():
                 ends = np.rint(places[[a, b]]).astype(int).tolist()
                 cv2.line(shown, ends[0], ends[1], (255, 255, 255), 1, cv2.LINE_AA)
-    words = f"{name}  {frame}  {status.name.lower()}"
+    words = f"{name}  {frame}  {status.words}"
     for thickness, colour in ((3, (0, 0, 0)), (1, ink)):
         cv2.putText(
             shown, words, (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, thickness, cv2.LINE_AA

@@ -41,7 +41,7 @@ def scene_of(table: ResultsTable) -> dict[str, Any]:
         "frame": track.frame.tolist(),
         "time_s": np.round(track.time_s, 4).tolist(),
         "status": track.status.tolist(),
-        "status_names": [status.name.lower() for status in Status],
+        "status_names": [status.words for status in Status],
         "reason": [] if track.reason is None else [str(text) for text in track.reason],
         "poses": _rounded(poses.reshape(len(track), -1)),
         "joints": _rounded(track.joint_positions.reshape(len(track), -1)),

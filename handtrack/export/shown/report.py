@@ -37,21 +37,24 @@ def write(path: Path, table: ResultsTable) -> None:
         "<h2>Frames</h2>",
         _lane(table),
         _counts(table),
-        "<h2>Doubtful and lost stretches</h2>",
+        "<h2>Intervals with low confidence, or lost</h2>",
         _stretches(table),
     ]
     if track.p_off_25mm is not None:
-        parts.append("<h2>Probability that some joint is more than 25 mm off</h2>")
-        parts.append(curves(track.time_s, {"P": track.p_off_25mm}, "1"))
+        parts += [
+            "<h2>Probability that some joint's error exceeds 25 mm</h2>",
+            curves(track.time_s, {"P": track.p_off_25mm}, "1"),
+        ]
     spread = np.where(table.is_lost[:, None], np.nan, 1e3 * table.joint_std.max(axis=2))
-    parts.append("<h2>Stated standard deviation of the joints</h2>")
     shown = {"median": np.median(spread, axis=1), "largest": spread.max(axis=1)}
-    parts.append(curves(track.time_s, shown, "mm"))
-    parts.append("<h2>Speed of the joints</h2>")
-    parts.append(curves(track.time_s, {"median": _speed(table)}, "m/s"))
+    parts += [
+        "<h2>Reported standard deviation of the joints</h2>",
+        curves(track.time_s, shown, "mm"),
+        "<h2>Speed of the joints</h2>",
+        curves(track.time_s, {"median": _speed(table)}, "m/s"),
+    ]
     for name, angles in _angle_groups(table).items():
-        parts.append(f"<h2>{html.escape(name)}</h2>")
-        parts.append(curves(track.time_s, angles, "°"))
+        parts += [f"<h2>{html.escape(name)}</h2>", curves(track.time_s, angles, "°")]
     body = "\n".join(parts)
     page = (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><link rel="icon" href="data:,"><title>{title} · handtrack</title>'
@@ -98,9 +101,9 @@ def _counts(table: ResultsTable) -> str:
     for known in Status:
         count = int((status == known).sum())
         if count:
-            mark = f'<i style="background:{_COLOURS[int(known)]}"></i>{known.name.lower()}'
+            mark = f'<i style="background:{_COLOURS[int(known)]}"></i>{known.words}'
             rows.append(f"<tr><td>{mark}<td class=n>{count}<td class=n>{count / len(status):.1%}")
-    return f"<table><tr><th>state<th class=n>frames<th class=n>share{''.join(rows)}</table>"
+    return f"<table><tr><th>status<th class=n>frames<th class=n>share{''.join(rows)}</table>"
 
 
 def _stretches(table: ResultsTable) -> str:
@@ -111,7 +114,7 @@ def _stretches(table: ResultsTable) -> str:
     bad.sort(key=lambda run: (run[0] - run[1], run[0]))
     rows = []
     for first, end in bad[:_MOST_STRETCHES]:
-        state = Status(int(track.status[first])).name.lower()
+        state = Status(int(track.status[first])).words
         reasons = [] if track.reason is None else [str(t) for t in track.reason[first:end]]
         why = max(set(reasons), key=lambda text: (reasons.count(text), text), default="")
         rows.append(
@@ -119,7 +122,7 @@ def _stretches(table: ResultsTable) -> str:
         )
     more = len(bad) - _MOST_STRETCHES
     rest = f"<p class=soft>{more} shorter ones are not listed.</p>" if more > 0 else ""
-    return f"<table><tr><th class=n>frames<th class=n>count<th>state<th>most often, why{''.join(rows)}</table>{rest}"
+    return f"<table><tr><th class=n>frames<th class=n>count<th>status<th>most frequent reason{''.join(rows)}</table>{rest}"
 
 
 def _speed(table: ResultsTable) -> Floats[F]:

@@ -41,7 +41,7 @@ def write(path: Path, table: ResultsTable) -> None:
             unit="meters",
             reference_frame=AXES,
             confidence=sure[:, j],
-            confidence_definition="1 - P(more than 10 mm off), 0 where the frame is lost",
+            confidence_definition="1 - P(error > 10 mm), 0 where the frame is lost",
             **times,
         )
         for j, name in enumerate(track.joint_names)

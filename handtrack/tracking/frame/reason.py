@@ -24,6 +24,11 @@ class Status(IntEnum):
     LOST = 2
     KEYFRAME = 3
 
+    @property
+    def words(self) -> str:
+        """As people read it; files have `doubtful`."""
+        return "low confidence" if self == Status.DOUBTFUL else self.name.lower()
+
 
 @dataclass(frozen=True)
 class Reason:

@@ -114,7 +114,7 @@ class FrameHead:
                 missing="",
                 gaps="missing",
                 read=lambda r: r.words,
-                meaning="why the frame is doubtful or lost",
+                meaning="why the frame has low confidence or is lost",
             ),
             reason_kind=Column(str, missing="", gaps="dropped", read=lambda r: r.kind),
             reason_where=Column(str, (2,), "", gaps="dropped", read=lambda r: (r.part, r.camera)),
@@ -126,21 +126,21 @@ class FrameHead:
         default=float("nan"),
         metadata=column(
             gaps="missing",
-            meaning="probability that some joint is more than 25 mm off, beside a constant offset of definition",
+            meaning="probability that some joint's error exceeds 25 mm, constant offsets of definition removed",
         ),
     )
     """NaN where nothing is said"""
     views: int = field(
         default=0,
         metadata=column(
-            gaps="missing", meaning="number of silhouettes, clouds and images that the energy is of"
+            gaps="missing", meaning="number of silhouettes, clouds and images in the cost"
         ),
     )
     """0: not known"""
 
     def __repr__(self) -> str:
         note = f": {self.note}" if self.note else ""
-        return f"<{type(self).__name__}: frame {self.frame}, {self.status.name.lower()}{note}>"
+        return f"<{type(self).__name__}: frame {self.frame}, {self.status.words}{note}>"
 
     @property
     def note(self) -> str:
@@ -200,7 +200,7 @@ class FrameResult(FrameHead):
             gaps="missing",
             names="part_names",
             known_names=PARTS,
-            meaning="probability that some joint of {} is more than 10 mm off",
+            meaning="probability that the error of some joint of {} exceeds 10 mm",
         ),
     )
     """hands only"""
@@ -334,7 +334,7 @@ class TrackResult(TrackLabels):
         return self._rows([range(len(self))[row]])[0]
 
     def __repr__(self) -> str:
-        counts = [(int((self.status == s).sum()), s.name.lower()) for s in Status]
+        counts = [(int((self.status == s).sum()), s.words) for s in Status]
         found = ", ".join(f"{count} {name}" for count, name in counts if count)
         what = " ".join(filter(None, (self.side, self.model)))
         return (
@@ -348,7 +348,7 @@ class TrackResult(TrackLabels):
             Counter(text for text in self.reason if text) if self.reason is not None else Counter()
         )
         rows = [("frames", f"{len(self)}, {self.frame[0]} to {self.frame[-1]}")]
-        rows += [(s.name.lower(), f"{int((self.status == s).sum())}") for s in Status]
+        rows += [(s.words, f"{int((self.status == s).sum())}") for s in Status]
         rows += [("model", " ".join(filter(None, (self.side, self.model))))]
         if self.hand_length_mm is not None:
             rows += [("length", f"{self.hand_length_mm:.0f} mm")]

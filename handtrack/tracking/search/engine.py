@@ -275,7 +275,7 @@ def explained(frame: int, reports: Sequence[SearchReport], result: FrameResult |
     for one in own:
         lines += one.lines()
     if result is not None:
-        found = f"result: {result.status.name.lower()}, energy {result.energy:.1f}"
+        found = f"result: {result.status.words}, cost {result.energy:.1f}"
         lines.append(f"{found}; {result.note}" if result.note else found)
     return lines
 

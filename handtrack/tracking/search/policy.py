@@ -37,7 +37,7 @@ def why_fingers_may_be_lost(
     suspicious = energy / max(views, 1) * SUSPICIOUS_RATIO / ratio
     before = takewhile(lambda r: r.energy / max(r.views, 1) > suspicious, reversed(previous))
     row = 1 + len(list(before))
-    return f"{ratio:.2f} times the usual energy, frame {row} of a row" if _is_due(row) else ""
+    return f"{ratio:.2f} times the usual cost, frame {row} of a row" if _is_due(row) else ""
 
 
 def why_hand_may_be_lost(result: FrameResult, previous: Sequence[FrameResult]) -> str:
@@ -56,7 +56,7 @@ def why_hand_may_be_lost(result: FrameResult, previous: Sequence[FrameResult]) -
             break
         row += 1
     due = _is_due(row) or (unseen and row % UNSEEN_EVERY == 0)
-    return f"frame {row} of a row that is in doubt: {result.note}" if due else ""
+    return f"frame {row} of a series without a good fit: {result.note}" if due else ""
 
 
 def looks_everywhere(previous: Sequence[FrameResult]) -> bool:

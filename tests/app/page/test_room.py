@@ -84,10 +84,10 @@ def test_frames_and_keyframes_by_key(bench, page):
     for command, frame in (("First frame", 0), (on, 10), (on, last), (back, last - 10)):
         page.press(command)
         eventually(lambda frame=frame: bench.state.frame == frame, f"{frame} after: {command}")
-    page.press("Keep this pose: a keyframe")
+    page.press("Set keyframe: this pose")
     timeline = bench.layout.timeline
     eventually(lambda: 1 in timeline.strip.by_hand)
-    page.press("No keyframe here: the tracked pose")
+    page.press("Remove keyframe: the tracked pose again")
     eventually(lambda: 1 not in timeline.strip.by_hand)
 
 

@@ -256,7 +256,7 @@ def stereo_pictures(view: StereoView) -> dict[str, Bytes[H, W, D3]]:
         "left, rectified": _with_lines(left[rows, columns]),
         "right, rectified": _with_lines(right[rows, moved]),
         "disparity": _coloured(np.where(kept, found, np.nan)),
-        "thrown away": thrown,
+        "rejected": thrown,
     }
 
 
@@ -274,7 +274,7 @@ def stereo_words(view: StereoView, pair: RectifiedPair) -> str:
         for n in range(1, len(REJECTED))
         if (view.rejected == n).any()
     ]
-    return f"{words}. Thrown away: {', '.join(parts)}." if parts else f"{words}."
+    return f"{words}. Rejected: {', '.join(parts)}." if parts else f"{words}."
 
 
 def _cut(view: StereoView) -> tuple[slice, slice, slice]:

@@ -302,7 +302,7 @@ class CloudService(PreviewService):
         def change() -> None:
             settings, words = skin_in_force(self.document, frame, camera, box, size)
             self.store.do("Colour of skin", edits.clouds(settings), tag="skin")
-            self.publish(Notice("done", "The skin's colour is taken", words))
+            self.publish(Notice("done", "Skin colour updated", words))
 
         self.opened.change(change)
 

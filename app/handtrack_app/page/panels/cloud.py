@@ -19,10 +19,10 @@ from handtrack_app.page.panels.settings import Box, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
 from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, SessionSnapshot
 
-_COLOURS = {"distance to the model": "residual", "its own": "own", "plain": "plain"}
+_COLOURS = {"distance to the model": "residual", "measured colour": "own", "plain": "plain"}
 _PICTURES = {"cameras and points": "images", "stereo match": "stereo", "none": "none"}
 _FILTER_WORDS = {
-    "range": "sensor's range", "crop": "near the last hand", "skin": "skin colour", "component": "one part",
+    "range": "sensor's range", "crop": "near the last hand", "skin": "skin colour", "component": "connected part",
     "voxel": "cells", "outliers": "outliers", "most": "at most",
 }  # fmt: skip
 
@@ -111,12 +111,12 @@ class CloudPanel:
                 self._add(*STEREO)
                 self.take_pair = page.button(
                     "Clouds from this pair", lambda: self.set(stereo=(self.pair,)), "arrow-merge",
-                    "The session's clouds come from this pair from now on.", visible=False,
+                    "Uses this pair for the session's clouds.", visible=False,
                 )  # fmt: skip
         self.saved = SavedSettings(
             page, page.engine.save_clouds, page.engine.restore_clouds, "Back to session.toml",
-            "Only the table [clouds] changes; the file before is kept in versions/.",
-            "Forget what was changed here since.",
+            "Changes only the table [clouds]; the previous file stays in versions/.",
+            "Discards unsaved changes.",
         )  # fmt: skip
 
     def _add(self, *names: str) -> None:
@@ -222,7 +222,7 @@ def counts_table(cloud: CloudSnapshot) -> str:
         colour = FILTERS.get(count.name, FILTERS["range"])
         word = _FILTER_WORDS.get(count.name, count.name)
         rows.append(_row(word, count.text, colour, count.after, most, _lost(count)))
-    rows.append(_row("for the tracker", "what is left", KEPT, cloud.left, most, ""))
+    rows.append(_row("for the tracker", "remaining points", KEPT, cloud.left, most, ""))
     said = (
         f"<div style='margin-top:.3em;opacity:.8'>{html.escape(cloud.words)}</div>"
         if cloud.words
@@ -309,11 +309,11 @@ class SkinControls:
             self.camera = page.choice("Box in", card.image_cameras, lambda _: None)
             self.drag = page.button(
                 "Drag a box over the image", self._drag, "marquee-2",
-                "Looks through the camera; drag over skin, away from its edges.", by_page=True,
+                "Opens the camera view; drag over skin, away from its edges.", by_page=True,
             )  # fmt: skip
             page.button(
-                "Take it from painted masks", lambda: self.take(None), "brush",
-                "Of all cameras and frames in which you painted what is tracked, in the tab Masks.",
+                "Learn it from painted masks", lambda: self.take(None), "brush",
+                "Uses every camera and frame that you painted in the Masks tab.",
             )  # fmt: skip
 
     def _drag(self, client: viser.ClientHandle) -> None:

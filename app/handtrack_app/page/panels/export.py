@@ -27,12 +27,12 @@ class ExportPanel:
     def __post_init__(self) -> None:
         gui, page = self.page.gui, self.page
         with self.tab:
-            gui.add_html(escaped("What has been tracked so far, for other programs."))
+            gui.add_html(escaped("Exports the frames tracked so far for other programs."))
             self.up = gui.add_dropdown(
                 "Up axis",
                 (_AS_RECORDED, *AXES),
                 initial_value=_AS_RECORDED,
-                hint="Which axis of the calibration points up: formats with an up axis are turned to it.",
+                hint="The calibration's axis that points up. Formats with an up axis are rotated to it.",
             )
             page.button(
                 "First-frame pose (JSON)", lambda client: page.engine.export("init", client.client_id), "download",

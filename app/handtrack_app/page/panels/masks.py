@@ -77,15 +77,15 @@ class MaskPanel:
             self.box_words = gui.add_html("")
             page.button(
                 "Drag a box over the image", partial(self._drag, "roi"), "marquee-2",
-                "Outside of it nothing counts as observed.", by_page=True,
+                "Pixels outside it are not observed.", by_page=True,
             )  # fmt: skip
             self.no_box = page.button(
                 "No box", lambda: self._set("roi", None, one=True), "x", visible=False
             )
         self.saved = SavedSettings(
             page, page.engine.save_masks, page.engine.restore_masks, "Back to what is saved",
-            "Only masks and roi of the cameras change; the file before is kept in versions/.",
-            "Forget what was changed here since; corrections stay.",
+            "Changes only the cameras' masks and roi; the previous file stays in versions/.",
+            "Discards unsaved changes; corrections stay.",
         )  # fmt: skip
         self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
 
@@ -114,7 +114,7 @@ class MaskPanel:
             if name in camera.values:
                 one.show(camera.values[name])
         put(self.no_box, visible=camera.roi is not None)
-        said = "no box: the whole image counts"
+        said = "no box: the whole image is used"
         if camera.roi is not None:
             said = "{2} × {3} px from {0}, {1}".format(*camera.roi)
         self.box_words.content = escaped(f"{camera.name}: {said}.")
@@ -140,7 +140,7 @@ class MaskPanel:
             self._show_masks(True)
             self.page.engine.mark_mask_box(camera, what, box, self.page.state.frame)
 
-        over = "skin, away from its edges" if what == "sample" else "all that is to count"
+        over = "skin, away from its edges" if what == "sample" else "everything to observe"
         self.stage.mark_box(camera, client, over, marked)
 
     # ---- snapshots
@@ -162,10 +162,10 @@ class MaskPanel:
 METHOD_WORDS = {
     "seeded": "seeded by joints",
     "skin_ycrcb": "skin, fixed colours",
-    "skin_adaptive": "skin, colour of a box",
-    "background_median": "before the usual image",
-    "background_mog2": "before a changing background",
-    "depth_range": "range of depth",
+    "skin_adaptive": "skin, sampled colour",
+    "background_median": "static background",
+    "background_mog2": "changing background",
+    "depth_range": "depth range",
     "files": "files of the session",
     "none": "none",
 }
@@ -178,14 +178,14 @@ _OPEN = Setting(
 _LARGEST = Setting("Other pieces are background.", "Largest piece", kind=bool)
 _BRIGHT = Setting("Darker pixels are background.", "Brighter than", slider=(0, 255, 1), kind=int)
 _SAMPLES = Setting(
-    "So many frames, evenly spaced over the recording.",
+    "Number of frames, evenly spaced over the recording.",
     "Learned from",
     slider=(3, 100, 1),
     kind=int,
 )
 _SETTINGS: dict[str, dict[str, Setting]] = {
     "seeded": {
-        "sure": Setting("Probability below which a pixel is unknown.", "How sure", slider=(0.55, 0.99, 0.01), kind=float),
+        "sure": Setting("Probability below which a pixel is unknown.", "Certainty", slider=(0.55, 0.99, 0.01), kind=float),
         "samples": _SAMPLES,
     },
     "skin_ycrcb": {
@@ -198,12 +198,12 @@ _SETTINGS: dict[str, dict[str, Setting]] = {
         "y_min": _BRIGHT, "open_px": _OPEN, "largest": _LARGEST,
     },
     "background_median": {
-        "threshold": Setting("In the pixel's own standard deviations.", "Difference", slider=(1, 40, 0.5), kind=float),
+        "threshold": Setting("In standard deviations of each pixel.", "Difference", slider=(1, 40, 0.5), kind=float),
         "samples": _SAMPLES, "open_px": _OPEN, "largest": _LARGEST,
     },
     "background_mog2": {
-        "threshold": Setting("Squared, in variances.", "Difference", slider=(1, 100, 1), kind=float),
-        "shadows": Setting("Darkened background counts as such.", "No shadows", kind=bool),
+        "threshold": Setting("Squared, in units of the variance.", "Difference", slider=(1, 100, 1), kind=float),
+        "shadows": Setting("Treats darkened background as background.", "No shadows", kind=bool),
         "samples": _SAMPLES, "open_px": _OPEN, "largest": _LARGEST,
     },
     "depth_range": {
@@ -255,12 +255,12 @@ class CorrectingWidgets:
             self.words = gui.add_html("")
             self.brush = gui.add_dropdown(
                 "Brush", tuple(self.brushes),
-                hint="Key X, while you paint, swaps with the one before. As it is: takes the correction away again.",
+                hint="Key X swaps with the previous brush. As it is: removes the correction.",
             )  # fmt: skip
             self.radius = gui.add_slider("Radius px", *_RADIUS, 10, hint="Keys [ and ].")
             self.paint = page.button(
                 "Paint over the mask", self._begin, "brush",
-                "Looks through the camera, without the model; drag or click over its image. Undo takes a stroke back.", by_page=True,
+                "Opens the camera view without the model; drag or click over the image. Undo removes a stroke.", by_page=True,
             )  # fmt: skip
             self.done = page.button(
                 "Done painting", self._end, "check", color=None, visible=False, by_page=True
@@ -270,8 +270,7 @@ class CorrectingWidgets:
             self.behind = gui.add_slider("After", 0, _MOST, 1, 3)
             page.button(
                 "Carry to these frames", self._carry, "arrows-horizontal",
-                "What was painted follows the image's motion; where that is not sure it becomes unknown. Frames that were "
-                "painted themselves stay.",
+                "Propagates the correction along the image's motion; uncertain pixels become unknown. Frames that you painted stay.",
             )  # fmt: skip
         self.radius.on_update(lambda _: self._show_brush())  # whoever changed it
         for words, key, factor in (("smaller", "[", 1 / _FACTOR), ("larger", "]", _FACTOR)):

@@ -88,14 +88,14 @@ class PosePanel:
             )  # fmt: skip
             self.history = page.choice(
                 "History", (_NOW,), self._go_back,
-                "The last steps by name. Choose one to go back to just before it, or, of those undone (↷), to make it again.",
+                "The last steps. Choose one to undo it and all after it, or an undone one (↷) to redo it.",
             )  # fmt: skip
             self.sliders_at = gui.add_html("").order
             page.buttons("Pose from", ("Before", "First", "Tracked"), self.take)
             self.library = page.choice(
                 "Pose as" if session.kind == "body" else "Fingers as", (_KEEP, *session.poses),
                 lambda chosen: self._choose(session.poses.get(chosen)),
-                "Set all but the place to a pose of the library.",
+                "Sets the joint angles to a pose of the library.",
             )  # fmt: skip
             page.button(
                 "Fit frame", self._fit, "focus-2",
@@ -169,7 +169,7 @@ class PosePanel:
         if changes:
             self.page.edit_pose(changes, "Paste")
         else:
-            nothing = "Nothing was copied yet that fits here: show a pose and press Copy first."
+            nothing = "No copied pose fits here. Show a pose and press Copy first."
             self.page.notify("info", "Nothing to paste", nothing)
 
     # ---- sliders
@@ -203,7 +203,7 @@ class PosePanel:
             for i, named in enumerate(_rows(list(groups))):
                 row = self.page.gui.add_button_group(
                     "Edit joints of" if i == 0 else " ", named, order=self.sliders_at,
-                    hint="One group's sliders at a time: all of them are on the screen.",
+                    hint="The joints whose sliders are shown.",
                 )  # fmt: skip
                 self.rows.append(self.page.bind(row, self.open))
             for group, members in groups.items():
@@ -378,7 +378,7 @@ def ink_on(ground: Sequence[int] | Floats[D3]) -> str:
 def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
     """Return how well each parameter is seen, as a table of fingers by joints."""
     if std is None or len(std) != len(names):
-        return text("Track this frame to see how well each joint is seen.")
+        return text("Track this frame to see how well each joint is observed.")
     cells: dict[str, list[str]] = {}
     for name, value in zip(names, std.tolist(), strict=True):
         row = "Rotation" if name.startswith("root_r") else group_of(name)
@@ -425,10 +425,10 @@ def _cell(name: str, std: float) -> str:
 
 _HERE, _ANYWHERE = "this frame", "best frame"
 _FIND_HINTS = {
-    "hand": "Looks for an open or half-open hand in silhouettes, clouds and a detector's joints, without any first pose.",
-    "body": "Looks at the joints that a detector saw, without any first pose.",
+    "hand": "Searches silhouettes, clouds and detected joints for an open or half-open hand. Needs no first pose.",
+    "body": "Searches detected joints. Needs no first pose.",
 }
-_TITLES = {"found": "Poses found", "carried": "Poses carried along"}
+_TITLES = {"found": "Detected poses", "carried": "Trajectory hypotheses"}
 
 
 @dataclass
@@ -556,12 +556,12 @@ class PinPanel:
         with gui.add_folder("Pins"):
             self.held = page.choice(
                 "Other joints", (FITTED, LEAST), self._hold,
-                "While a joint is dragged, the other joints are fitted to the images; or they stay as they are, as far as they can.",
+                "While you drag a joint: fit the other joints to the images, or change them as little as possible.",
             )  # fmt: skip
             self.list = gui.add_html(_NO_PINS)
             self.drop = page.button(
                 "Drop the last pin", self._drop_last, "pin",
-                "The place that was pinned last is free again. Ctrl-Z goes back a drag.", visible=False,
+                "Removes the last pin. Ctrl-Z undoes the last drag.", visible=False,
             )  # fmt: skip
             self.drop_all = page.button(
                 "Drop all pins of this frame", lambda: self._drop(None), "pinned-off",

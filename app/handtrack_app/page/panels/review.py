@@ -52,26 +52,24 @@ class ReviewPanel:
             self.off = gui.add_html("", visible=False)
             self.correct = page.button(
                 "Apply correction", self._correct, "tool",
-                "Uses the cameras as the estimate of all frames found them. calibration.toml stays as it is; undo takes it back. "
-                "Then track again.", visible=False,
+                "Uses the camera corrections that joint optimisation estimated; calibration.toml stays unchanged. Then track again.", visible=False,
             )  # fmt: skip
             self.restore = page.button(
                 "Remove correction", partial(self._correct, on=False), "x",
-                "The cameras count as they were calibrated. Then track again.", visible=False,
+                "Uses the original calibration. Then track again.", visible=False,
             )  # fmt: skip
             self.head = gui.add_html("")
             self.accept_next = page.button(
                 "Accept and next", partial(self.do_accept, ""), "check",
-                "Locks the interval, or the frame outside of one, and goes to the next. Key: Shift Y.", None, visible=False,
+                "Accepts the interval (outside of one, the frame) and goes to the next. Key: Shift Y.", None, visible=False,
             )  # fmt: skip
             self.go = page.buttons(
                 "Go to", _GO, lambda name: self.step(1 if name == "Next" else -1),
-                "In the queue, the worst first. Keys Shift Z and, back, Shift U.", visible=False,
+                "In the queue, worst first. Keys: Shift Z next, Shift U previous.", visible=False,
             )  # fmt: skip
             self.accept = page.buttons(
                 "Accept", _ACCEPT, self.do_accept,
-                "The interval that was gone to, the frame shown, or all tracked frames of high confidence. No tracking "
-                "or refining changes them; your own edits do. Undo takes it back.", visible=False,
+                "Accepts the selected interval, this frame, or every confident frame. Tracking and refining leave accepted frames unchanged.", visible=False,
             )  # fmt: skip
             self.release = page.buttons(
                 "Release", _LET_GO, self.let_go, "Tracking and refining may change these again.", visible=False
@@ -259,7 +257,8 @@ def head_words(strip: TimelineSnapshot, at: int | None, done: int = 0) -> str:
     """Return how much there is to be looked at, and how much was accepted. done: intervals of the queue that are."""
     if not ((strip.status >= 0).any() or strip.by_hand):
         return text(
-            "Track some frames: what is worth a look is listed here, the worst first.", faint=False
+            "Track some frames first. Intervals to check are listed here, the worst first.",
+            faint=False,
         )
     count, stretches = len(strip.status), len(strip.stretches)
     total = stretches + done

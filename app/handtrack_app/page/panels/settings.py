@@ -170,7 +170,7 @@ class SettingsPanel:
             self.refits.build()
             self.saved = SavedSettings(
                 page, page.engine.save_settings, self._restore, "Back to session.toml",
-                "Only these settings of the table [tracking] change; the file before is kept in versions/.",
+                "Changes only these settings in the table [tracking]; the previous file stays in versions/.",
                 "Undo brings the changes back.",
             )  # fmt: skip
             for title, settings in CONTROLS.items():
@@ -264,11 +264,10 @@ class ShapePanel:
         with gui.add_folder("Shape", expand_by_default=False) as self.folder:
             self.size = page.button(
                 "Fit the size", page.engine.fit_size, "ruler-measure",
-                f"Of the person's {session.kind}, from frames of this recording. Where session.toml says so it is done by itself before the "
-                "first tracking.",
+                f"Fits the {session.kind}'s size to frames of this recording. With scale = fit in session.toml, the first tracking does this before.",
             )  # fmt: skip
             labels = [row.label for row in session.shape]
-            self.chosen = page.choice("Number", labels, lambda _: self._show_slider(), "Of the person's shape, to be set by hand. Where session.toml says scale = fit, tracking begins with it and may change it.")  # fmt: skip
+            self.chosen = page.choice("Number", labels, lambda _: self._show_slider(), "The number of the shape to set by hand. With scale = fit in session.toml, tracking starts from it and may change it.")  # fmt: skip
             self.slider = page.bind(
                 gui.add_slider(" ", -1.0, 1.0, 0.1, initial_value=0.0), self._set
             )
@@ -303,7 +302,7 @@ class ShapePanel:
 
 def shape_list(rows: Sequence[ShapeNumber], kind: str) -> str:
     """Return the numbers by groups: what was measured or set stands out from what is as in the mean."""
-    shown = [f"Against the mean {kind}, ± one standard deviation. Faint: not measured."]
+    shown = [f"Relative to the mean {kind}, ± one standard deviation. Faint: not measured."]
     for group, members in groupby(rows, lambda row: row.group):
         shown.append(_GROUP.format(html.escape(group)))
         for row in members:
@@ -336,7 +335,7 @@ class LimitsPanel:
             self.refits.build()
             self.back = self.page.button(
                 "Restore the model's limits", self._restore, "restore",
-                "Of the joints marked •. Undo brings the changes back.", visible=False,
+                "Restores the joints marked •.", visible=False,
             )  # fmt: skip
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -425,7 +424,7 @@ _FOLDERS = {
         "edges.weight",
         "intensity.weight",
     ),
-    "Coupled abduction (18 freedoms)": (
+    "Coupled abduction (18 degrees of freedom)": (
         "model.spread_index",
         "model.spread_middle",
         "model.spread_ring",
@@ -452,10 +451,7 @@ CONTROLS: dict[str, tuple[Setting, ...]] = {
 # ---- The switch of refitting while tuning, on each tab whose widgets change what a frame is fitted by
 
 
-_HINT = (
-    "Each change of a setting, limit or filter fits the frame shown anew at once, from where it stands; the card says what that did "
-    "to cost and overlap. Ctrl-Z takes the change and its fit back together; Tab shows the pose before."
-)
+_HINT = "Refits this frame after each change of a setting, limit or filter; the card shows the change in cost and overlap. Ctrl-Z undoes the change and its fit together; Tab shows the previous pose."
 
 
 @dataclass

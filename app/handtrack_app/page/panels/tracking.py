@@ -52,13 +52,12 @@ class TrackingPanel:
             if session.live:
                 begin = page.button(
                     "Track live", lambda: self.start("live"), "player-play",
-                    "From the pose shown on, in the cameras' newest images.", None,
+                    "Tracks the newest images, from the pose shown.", None,
                 )  # fmt: skip
             else:
                 begin = page.button(
                     "Track all frames", lambda: self.start("all"), "player-play",
-                    "From the first-frame pose, forward and backward: the same numbers as `handtrack track`. Poses set "
-                    "by hand elsewhere stay, and tracking starts again from each.", None,
+                    "Tracks forward and backward from the first-frame pose, with the same numbers as `handtrack track`. Keyframes stay, and tracking restarts from each.", None,
                 )  # fmt: skip
             here = page.button(
                 "Track this frame", lambda: self.start("here"), "focus-2", "Fit the pose you see to this frame."
@@ -66,7 +65,7 @@ class TrackingPanel:
             self.starters = [begin, here]
             self.later = page.check(
                 page.say("Fit the {kind}'s size later"), False, self._put_off,
-                "Track at once; then fit the size to what was tracked, and track all again with it.", visible=False,
+                "Tracks first, then fits the size to the tracked frames, and tracks again with it.", visible=False,
             )  # fmt: skip
             if not session.live:
                 self._add_range(session, last)
@@ -76,13 +75,11 @@ class TrackingPanel:
             )
             self.refine = page.button(
                 "Refine", page.engine.refine, "sparkles",
-                "All tracked frames together, each by those after it as well. Poses set by hand hold, and what lies beside "
-                "follows from both sides. What was tracked stays as a take.", visible=False,
+                "Re-optimises all tracked frames jointly. Keyframes stay fixed, and neighbouring frames adapt to them. The previous track stays as a take.", visible=False,
             )  # fmt: skip
             self.between = page.button(
                 "Track between", lambda: self.start("between"), "arrows-join",
-                "The frames between the two kept ones around the frame shown (set by hand, or accepted): half from each, then "
-                "refined together where that is set.", visible=False,
+                "Tracks between the nearest keyframes or accepted frames on both sides: half from each, then jointly optimised if that is set.", visible=False,
             )  # fmt: skip
             page.button(
                 "Save track", page.engine.save_track, "device-floppy", "Writes tracks/poses.npz into the session.",
@@ -90,7 +87,7 @@ class TrackingPanel:
             )  # fmt: skip
             self.residuals = page.button(
                 "Open in rerun", page.engine.open_rerun, "chart-dots",
-                "Residuals of every camera in rerun's viewer: of the frames tracked so far, then as they come.",
+                "Shows the residuals of every camera in rerun's viewer, of tracked frames and of new ones.",
             )  # fmt: skip
             self.rerun = page.gui.add_markdown("", visible=False)
         self.show(self.progress)
@@ -105,7 +102,7 @@ class TrackingPanel:
             )
             page.button(
                 "Track range", lambda: self.start("range"), "arrows-horizontal",
-                "From the frame shown, if it has a pose of its own; else from the nearest frame of the range that has one.",
+                "Starts at this frame if it has a pose, otherwise at the nearest frame of the range that has one.",
             )  # fmt: skip
         self.range.on_update(lambda _: self._name_range())  # whoever moved it
         self._name_range()
@@ -263,7 +260,7 @@ class LivePanel:
         with self.tab:
             self.record = self.page.button(
                 "Record", lambda: self.page.engine.record(not self.recording), "player-record",
-                "Writes what the cameras show from now on, and the poses tracked in it, to a new session folder.",
+                "Records the cameras and the tracked poses to a new session folder.",
             )  # fmt: skip
             self.counts = gui.add_html("")
 
@@ -331,8 +328,8 @@ class TakesPanel:
             self.list = gui.add_html("")
             self.chosen: viser.GuiDropdownHandle[str] = gui.add_dropdown("Take", numbers)
             self.back = page.button(
-                "Bring this take back", self._restore, "restore",
-                "It becomes the whole track again, but for accepted frames. Undo takes that back; nothing is ever overwritten.",
+                "Restore this take", self._restore, "restore",
+                "Makes it the current track again, except in accepted frames. Undo reverts that; nothing is overwritten.",
             )  # fmt: skip
 
     def _restore(self) -> None:

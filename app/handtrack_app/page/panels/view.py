@@ -40,11 +40,11 @@ _SAVED = {
     "saved": "<span style='opacity:.7'>✓ All changes saved</span>",
     "saving": "<span style='opacity:.7'>… Saving</span>",
     "unsaved": "<b class='handtrack-warning'>⚠ The last changes are not saved yet</b>",
-    "kept nowhere": "<b class='handtrack-warning'>⚠ To look at: nothing is saved</b>",
+    "kept nowhere": "<b class='handtrack-warning'>⚠ Read-only: nothing is saved</b>",
 }
 _PAINT_HINT = (
-    "Residual: orange is silhouette without model, blue is model without silhouette; lines lead from where a joint was seen to where "
-    "the model has it. Mask: what counts as {kind}; of what is purple nobody knows, and it counts for nothing."
+    "Residual: orange is silhouette without model, blue is model without silhouette; lines lead from each detected joint "
+    "to the model's. Mask: what is taken for the {kind}; purple pixels are unknown and ignored."
 )
 _PAINT_WORDS = {
     "nothing": "plain",
@@ -166,7 +166,7 @@ class SessionPanel:
 
 def leave_button(page: Page) -> viser.GuiButtonHandle:
     """Add the button that leads to the start page."""
-    hint = "Leaves this one; all that was done is kept."
+    hint = "Closes this recording. All work is saved."
     return page.button("Other recordings …", page.leave, "folders", hint)
 
 
@@ -303,7 +303,7 @@ class Room:
 
 
 _STEP = 1.4  # two of them twice as large
-_HINT = "Looking through a camera: Z and X, or the wheel, enlarge and widen; a drag of the picture moves it. C is the {kind} again, V the whole image."
+_HINT = "Camera view: Z and X, or the wheel, zoom in and out; drag to move the image. C shows the {kind}, V the whole image."
 
 
 @dataclass

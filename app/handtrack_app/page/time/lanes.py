@@ -229,7 +229,7 @@ def _curve_lane(strip: TimelineSnapshot, window: Window) -> Lane:
     return Lane(
         f"<span>{title}</span><span style='opacity:.7'>{top}</span>", _CURVE,
         [_ground(_CURVE), *curve(values, window, _CURVE), *diamonds], _value_of(values, say),
-        "Of frames that stand in one place the largest counts. Diamonds are poses that were set.",
+        "Where frames share a pixel, the largest value is shown. Diamonds are keyframes.",
         lambda pose: say(pose.error_mm if unit else pose.energy),
     )  # fmt: skip
 
@@ -256,7 +256,7 @@ def _probability_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
         parts.append(f"<polygon points='{around}' fill='{_DOUBT}' opacity='.75'/>")
     return Lane(
         "P(error &gt; 25 mm)", _LOW, parts, _value_of(values, lambda v: f"{100 * v:.0f} %"),
-        "Probability that some joint is more than 25 mm off.",
+        "Probability that some joint's error exceeds 25 mm.",
     )  # fmt: skip
 
 
@@ -316,7 +316,7 @@ def _take_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
         return next((f"take {s.take}" for s in strip.takes if s.first <= frame < s.stop), "")
 
     return Lane(
-        "takes", _THIN, parts, lambda row: at(strip.start + row), "Which tracking shows where.",
+        "takes", _THIN, parts, lambda row: at(strip.start + row), "The take that each frame comes from.",
         lambda pose: at(pose.frame),
     )  # fmt: skip
 
@@ -324,12 +324,12 @@ def _take_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
 def _missing_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
     views = strip.lanes.get(VIEWS)
     missing = None if views is None else np.nanmax(views) - views
-    hint = "Views that showed nothing of what is tracked."
+    hint = "Number of views in which nothing was observed."
     return _thin(window, "views missing", missing, 1.0, _GAP, "{:.0f}", hint)
 
 
 def _moved_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
-    hint = "How far the furthest joint moved from the take below: what refining, or tracking again, changed."
+    hint = "Largest displacement of a joint from the take below, by refining or tracking again."
     return _thin(window, "changed", strip.lanes.get(MOVED), _FULL_MM, _CHANGED, "{:.1f} mm", hint)
 
 

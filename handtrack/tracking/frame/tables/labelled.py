@@ -95,16 +95,16 @@ def frame_columns(
     """
     yield "frame", track.frame, "number of the frame, from 0"
     yield "time_s", track.time_s, "time [s]"
-    meaning = "0 tracked, 1 doubtful, 2 lost (holds the last estimate), 3 set by hand"
+    meaning = "0 tracked, 1 low confidence, 2 lost (holds the last estimate), 3 set by hand"
     yield "status", track.status, meaning
-    meaning = "what is left unexplained; to be compared within a session only"
+    meaning = "final cost; comparable within a session only"
     yield "energy", track.energy, meaning
     for row, name in enumerate(track.parameter_names):
         unit, factor, meaning = "deg", 180.0 / np.pi, "angle [°]"
         if is_length(name):
-            unit, factor, meaning = "m", 1.0, "place of the root in the world [m]"
+            unit, factor, meaning = "m", 1.0, "position of the root in the world [m]"
         elif name.startswith("root_r"):
-            meaning = "turn of the root in the world: a rotation vector's component [°]"
+            meaning = "rotation of the root in the world: a rotation vector's component [°]"
         yield f"{name}_{unit}", factor * track.parameters[:, row], meaning
         if with_std:
             std = factor * track.parameter_std[:, row]
