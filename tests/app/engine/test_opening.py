@@ -101,7 +101,7 @@ def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
     assert listener.wait(snapshots.SessionSnapshot).stop == ANNOUNCED
     may_count.set()
     told = listener.told("can be decoded")
-    assert f"announces {ANNOUNCED} frames" in told.text
+    assert f"{ANNOUNCED} frames" in told.text
     counted = listener.wait(snapshots.SessionSnapshot, lambda s: s.stop < ANNOUNCED)
     strip = listener.wait(snapshots.TimelineSnapshot, lambda s: len(s.status) == counted.stop)
     assert strip.start == 0

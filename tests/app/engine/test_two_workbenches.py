@@ -16,7 +16,7 @@ def test_a2_c43_the_second_sees_all_and_writes_nothing_until_it_takes_over(tmp_p
     first = opened(tmp_path)
     posed(first, 5)
     second = opened(tmp_path)
-    assert f"by `handtrack open` (process {os.getpid()} on " in second.warning
+    assert f"`handtrack open` (process {os.getpid()}" in second.warning
     assert sorted(second.document.by_hand) == [5]
     before = listing(tmp_path)
     posed(second, 7)

