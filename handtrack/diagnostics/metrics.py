@@ -283,9 +283,9 @@ def _coverage(points: _Compared) -> float | None:
     if not asked.any():
         return None
     error = (points.found - points.truth)[asked]
-    stated = points.covariance[asked]
-    sound = np.isfinite(stated).all(axis=(1, 2))  # an estimate that states nothing covers nothing
-    values, vectors = np.linalg.eigh(stated[sound])
+    reported = points.covariance[asked]
+    sound = np.isfinite(reported).all(axis=(1, 2))  # an estimate that states nothing covers nothing
+    values, vectors = np.linalg.eigh(reported[sound])
     along = np.einsum("nij,ni->nj", vectors, error[sound])
     least = (1e3 * _LEAST_STD_M) ** 2
     inside = (along**2 / np.maximum(values, least)).sum(axis=1) <= _CHI2_90

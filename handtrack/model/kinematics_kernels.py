@@ -169,17 +169,17 @@ def linearize_pose(tree, params):  # pragma: no cover - compiled
 
 
 @compiled
-def growth_fields(growth, frames, scale_change, unknowns):  # pragma: no cover - compiled
+def scale_change_fields(changes, frames, scale_change, unknowns):  # pragma: no cover - compiled
     """Return (B, 12, K) of joints and of ellipsoids; see `SizeParameters.fields`.
 
     Parameters
     ----------
-    growth
+    changes
         The bones' parents; rates (B, 3, N) of the logarithms of their factors by a person's
         deviations; moves (Q, B, 3) of their heads, and shift (Q, B, 3) of what is on them, by those
         that are proportions; which of the deviations these begin at.
     """
-    parent, rates, moves, shift, first = growth
+    parent, rates, moves, shift, first = changes
     rotation, position, reference = frames
     bones, count = len(parent), len(unknowns)
     joints = np.zeros((bones, 12, count))

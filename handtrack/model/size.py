@@ -18,7 +18,7 @@ from handtrack.model.articulated import (
     keypoint_names,
 )
 from handtrack.model.kinematics import BoneFields, BonePoses
-from handtrack.model.kinematics_kernels import growth_fields
+from handtrack.model.kinematics_kernels import scale_change_fields
 from handtrack.model.shape import ShapeNumber
 
 # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %); statures of men and women together by ±6 %, children
@@ -218,7 +218,9 @@ class SizeParameters:
             Those of `rescaled`.
         """
         assert bones.scale_change is not None
-        joints, flesh = growth_fields(self._growth, bones.frames, bones.scale_change, unknowns)
+        joints, flesh = scale_change_fields(
+            self._scale_changes, bones.frames, bones.scale_change, unknowns
+        )
         return BoneFields(joints, flesh, self.offset_moves[:, :, unknowns], np.zeros(len(unknowns)))
 
     @property
@@ -251,8 +253,10 @@ class SizeParameters:
         return _PARTS[self.model.kind]
 
     @cached_property
-    def _growth(self) -> tuple[Ints[B], Floats[B, D3, N], Floats[Q, B, D3], Floats[Q, B, D3], int]:
-        """What `growth_fields` takes."""
+    def _scale_changes(
+        self,
+    ) -> tuple[Ints[B], Floats[B, D3, N], Floats[Q, B, D3], Floats[Q, B, D3], int]:
+        """What `scale_change_fields` takes."""
         parent, known = np.array(self.model.skeleton.parent, np.int64), self.model.proportions
         return parent, self._rates, known.moves, known.shift, self._proportions.start
 

@@ -2,7 +2,7 @@
 
 Two things differ from there. The step uses the exact Hessian where it is positive on the free
 directions, and Gauss-Newton's where it is not: one camera leaves flat valleys, where Gauss-Newton creeps. And the damping
-follows the ratio of true to foretold descent.
+follows the ratio of true to predicted descent.
 """
 
 from __future__ import annotations
@@ -107,21 +107,21 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
                 for p in range(size):
                     most = _LONGEST_M if p < 3 else _WIDEST_RAD
                     longest = max(longest, abs(step[p]) / most)
-                foretold = 0.0
+                predicted = 0.0
                 for p in range(size):
                     step[p] /= longest
                     trial[p] = x[p] + step[p]
                 for p in range(size):
-                    foretold -= step[p] * gradient[p]
+                    predicted -= step[p] * gradient[p]
                     for r in range(size):
                         matrix = normal[p, r] + (curvature[p, r] if newton else 0.0)
-                        foretold -= 0.5 * step[p] * matrix * step[r]
+                        predicted -= 0.5 * step[p] * matrix * step[r]
                 clip(limits, trial, box)
                 there = keypoint_cost(problem, trial, space)
-                small = foretold <= _ROUNDING * now
+                small = predicted <= _ROUNDING * now
                 if there < now or (small and there <= now * (1.0 + _ROUNDING)):
                     moved = True
-                    gain = (now - there) / max(foretold, 1e-300)
+                    gain = (now - there) / max(predicted, 1e-300)
                     if small or (gain > 0.75 and not refused):
                         level = max(0.1 * level, _LEAST_DAMPING)
                     elif gain < 0.25:

@@ -56,7 +56,7 @@ from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import refine_recording, track_recording
-from handtrack.tracking.size.person import FEWEST_BY_JOINTS, OpenPerson, seen_around
+from handtrack.tracking.size.person import FEWEST_BY_JOINTS, Subject, seen_around
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
@@ -642,12 +642,12 @@ def size_of_frames(
         if sizes and not around and _measured(run, results, most) < _LEAST_MEASURED:
             given = run.first is not None and run.first.xyz is not None  # a size that points tell
             mean = replace(run.scale, overall=run.scale.overall if given else 1.0)
-            return unmeasured_size(_who(run).build, mean)
-        who = replace(_who(run), sizes=sizes)
+            return unmeasured_size(_subject(run).build, mean)
+        subject = replace(_subject(run), sizes=sizes)
         poses = [run.model.transform.solver_params(result.parameters) for result in chosen]
         words = f"{len(chosen)} frames fitted together"
         found = fit_person(
-            who,
+            subject,
             run.model,
             run.settings,
             seen,
@@ -686,19 +686,19 @@ def _unlike(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
     return sorted((sure[n] for n in kept), key=lambda result: result.frame)
 
 
-def person_to_fit(run: TrackingRun) -> OpenPerson | None:
+def person_to_fit(run: TrackingRun) -> Subject | None:
     """Return what of the person refining may find: not what was given, and nothing where `model.fit_size` says so."""
     if run.settings.model.fit_size == "false" or is_unmeasured(run.scale):
         return None
-    return _who(run)
+    return _subject(run)
 
 
-def _who(run: TrackingRun) -> OpenPerson:
+def _subject(run: TrackingRun) -> Subject:
     def build(scale: HandScale) -> ArticulatedModel:
         return replace(run.with_scale(scale).model, limits=run.model.limits)
 
     sizes, offsets = run.session.hand_scale == "fit", run.offsets_are_open
-    return OpenPerson(build, sizes, offsets, run.prior_person)
+    return Subject(build, sizes, offsets, run.prior_person)
 
 
 def _measured(run: TrackingRun, results: Sequence[FrameResult], most: int) -> float:

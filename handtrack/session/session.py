@@ -46,14 +46,14 @@ from handtrack.session.session_file import (
     read_session_file,
 )
 from handtrack.session.session_state import CameraCorrection, readable
-from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
-from handtrack.session.sources.clouds import CloudSource, cloud_source
-from handtrack.session.sources.kept_observations import (
+from handtrack.session.sources.cached_observations import (
     LEAST_KEPT,
-    KeptObservation,
+    CachedObservation,
     most_clouds,
     most_observations,
 )
+from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
+from handtrack.session.sources.clouds import CloudSource, cloud_source
 from handtrack.session.sources.session_pins import SessionPins
 from handtrack.session.sources.views import MaskChoice, View, scaled_camera
 from handtrack.store.store import Store
@@ -96,7 +96,7 @@ class Session:
         self.check_init(self.known_frames)
         self.pins = SessionPins(folder, rig, has_file=self.live is None)
         """where a person pointed at joints and segments"""
-        self._observations = LRUCache[tuple[int, bool, bool], KeptObservation]()
+        self._observations = LRUCache[tuple[int, bool, bool], CachedObservation]()
         self._measured = LRUCache[int, PointCloud | None]()
 
     @classmethod
@@ -430,8 +430,8 @@ class Session:
         """Return an observation without a crop, and keep it; of running cameras the latest, since frames count anew when they begin again."""
         key = (frame, silhouettes, cloud)
 
-        def make() -> KeptObservation:
-            return KeptObservation.of(self._observe(*key))
+        def make() -> CachedObservation:
+            return CachedObservation.of(self._observe(*key))
 
         most = most_observations if self.live is None else lambda _: LEAST_KEPT
         return self._observations.value(key, make, most).whole

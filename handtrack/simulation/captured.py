@@ -128,8 +128,8 @@ def _frame(motion: Captured, frame: int, errors: Floats[J]) -> FrameResult:
     status = Status.DOUBTFUL if errors[known].max(initial=0.0) > far else Status.TRACKED
     if known.sum() < FEWEST:
         status = Status.LOST
-    judgement = FrameConfidence(status, None, spread)
-    result = posed_result(model, Observation(frame, frame / clip.fps), params, judgement, std)
+    assessment = FrameConfidence(status, None, spread)
+    result = posed_result(model, Observation(frame, frame / clip.fps), params, assessment, std)
     return replace(result, energy=system.cost)
 
 

@@ -25,7 +25,7 @@ from handtrack.tracking.hypotheses.motion_belief import Hypothesis
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.lost_hand import with_hand_found
 from handtrack.tracking.search.policy import looks_everywhere
-from handtrack.tracking.size.person import OpenPerson
+from handtrack.tracking.size.person import Subject
 from handtrack.tracking.state import TrackerState
 
 CONFIRMED_BY = 5
@@ -44,7 +44,7 @@ class Tracker:
     """the same, of joint parameters"""
     start_confidence: float = 1.0
     """0 to 1, how sure the pose is that a first frame begins with: no frame is called surer before some have confirmed it"""
-    subject: OpenPerson | None = None
+    subject: Subject | None = None
     """what is found of the person when a recording is refined"""
 
     def step(

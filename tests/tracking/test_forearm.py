@@ -27,7 +27,7 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.forearm import forearm_in_view, forearm_length
 from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.search.lost_finger import with_fingers_found
-from handtrack.tracking.size.person import OpenPerson
+from handtrack.tracking.size.person import Subject
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
@@ -125,9 +125,9 @@ def test_where_the_arm_ends_is_found_with_all_frames_of_a_known_person_too(forea
         posed_result(model, one, pose, FrameConfidence(Status.TRACKED))
         for one, pose in zip(seen, joints, strict=True)
     ]
-    who = OpenPerson(lambda scale: load_model(scale=scale, forearm=forearm), sizes=False)
+    who = Subject(lambda scale: load_model(scale=scale, forearm=forearm), sizes=False)
     control = Control(on_shared=told.append)
-    found = refine(Recording(model, UNSEARCHED, lambda f, _: seen[f], control, who=who), live)
+    found = refine(Recording(model, UNSEARCHED, lambda f, _: seen[f], control, subject=who), live)
     scale = Refinement.read(told[0]).scale
     assert scale.proportions[FOREARM_END] == pytest.approx(1.3, abs=0.25)
     assert scale.overall == 1.0

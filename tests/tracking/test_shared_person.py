@@ -25,7 +25,7 @@ from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.size.cameras import CameraChanges
 from handtrack.tracking.size.estimate import Shared, estimate_whole, fit_size
-from handtrack.tracking.size.person import OpenPerson, PersonChange, shape_covariance
+from handtrack.tracking.size.person import PersonChange, Subject, shape_covariance
 from handtrack.tracking.whole.chosen_frames import fit_person
 from handtrack.tracking.whole.evidence import Evidence
 from handtrack.tracking.whole.refinement import Refinement
@@ -42,7 +42,7 @@ from tests.tracking.test_shared_cameras import (
 )
 
 HAND = load_model("hand26")
-WHO = OpenPerson(lambda scale: load_model("hand26", scale=scale))
+WHO = Subject(lambda scale: load_model("hand26", scale=scale))
 OTHER = HandScale(1.06, {"thumb": 0.95, "index": 1.05})
 POSES = waving_poses(20)
 
@@ -77,7 +77,7 @@ def test_a_frames_system_has_the_derivatives_of_its_cost_by_pose_cameras_and_per
 
 def test_a_size_that_was_wrong_and_a_camera_that_is_late_are_found_with_the_poses():
     late = points_of(waving_poses(20, -1.6), WHO.build(OTHER))
-    _, frames, found = refined(watched(CAMERAS, [TRUTH, late, TRUTH]), POSES, who=WHO)
+    _, frames, found = refined(watched(CAMERAS, [TRUTH, late, TRUTH]), POSES, subject=WHO)
     assert mean_off_mm(frames, TRUTH) < 1.0
     assert "cam1" in found.words[0]
     told = {one.name: one.late_frames for one in found.cameras}
@@ -167,8 +167,8 @@ def test_a_file_with_fewer_numbers_or_others_is_read():
 def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng):
     """How thick a palm is, before depth cameras at either side; before one the prior is left."""
     hand, told = load_model("hand26", "left"), {"palm_thickness": 2.0, "palm_breadth": 1.0}
-    who = OpenPerson(lambda scale: load_model("hand26", "left", scale))
-    person = who.build(HandScale(proportions=told))
+    subject = Subject(lambda scale: load_model("hand26", "left", scale))
+    person = subject.build(HandScale(proportions=told))
     poses = POSES[::3]
     near = [poses[0, :3] + np.array([[0.05, 0.1, z]]) for z in (0.5, -0.5)]
 
@@ -182,7 +182,7 @@ def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng):
         looks = [(one, poses[0, :3]) for one in seen]
         evidence = Evidence(
             hand, TrackerSettings(), lambda frame, _: seen[frame], dict(enumerate(poses)), 3 / FPS,
-            person=PersonChange.of(hand, looks, who),
+            person=PersonChange.of(hand, looks, subject),
         )  # fmt: skip
         estimate = estimate_whole(evidence, range(len(poses)), poses)
         assert estimate is not None and estimate.scale is not None

@@ -43,9 +43,9 @@ from handtrack.observation.observation import (
 from handtrack.parallel import LRUCache
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.session_file import CameraSettings, missing_counterpart
+from handtrack.session.sources.cached_observations import CroppedMask, most_masks
 from handtrack.session.sources.camera_times import CameraTimes, JoinedByTime, recording_of
 from handtrack.session.sources.corrected_masks import CorrectedMasks
-from handtrack.session.sources.kept_observations import CroppedMask, most_masks
 from handtrack.session.sources.keypoint_files import KeypointFiles
 from handtrack.session.sources.video_audits import read_audit
 

@@ -122,7 +122,7 @@ FAINT = 2.0  # [grey levels / px] an edge this weak is noise
 
 
 @array_dataclass
-class SeenEdges:
+class ObservedEdges:
     """Up to MOST edges on the normal of each piece of outline."""
 
     outline: OutlinePoints
@@ -132,7 +132,7 @@ class SeenEdges:
     """(N, MOST) 0 … 1; 0 where there is no edge"""
 
 
-def edges_near(outline: OutlinePoints, image: SmoothImage, search_px: float) -> SeenEdges:
+def edges_near(outline: OutlinePoints, image: SmoothImage, search_px: float) -> ObservedEdges:
     """Return the edges within ± search_px of an outline.
 
     An edge is a peak of the slope g of brightness along the normal, over all channels together. Its strength
@@ -144,7 +144,7 @@ def edges_near(outline: OutlinePoints, image: SmoothImage, search_px: float) -> 
     start = np.ascontiguousarray(outline.pixel - np.array(image.corner, dtype=float))
     half = max(round(search_px / STEP_PX), 1)
     search_along(image.values, start, outline.normal, half, STEP_PX, FAINT, place, strength)
-    return SeenEdges(outline, place, strength)
+    return ObservedEdges(outline, place, strength)
 
 
 @array_dataclass
@@ -157,7 +157,7 @@ class OutlineEdgesTerm(SurfaceTerm):
     The Hessian leaves out what would make it negative: weights of the edges over σ².
     """
 
-    seen: Sequence[SeenEdges]
+    seen: Sequence[ObservedEdges]
     """of each camera"""
     sigma_px: float
     stretch_px: float = 10.0

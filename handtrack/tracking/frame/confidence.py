@@ -574,14 +574,14 @@ def frame_confidence(
     hidden = curls(model, joint)
     if model.has_keypoints21:
         hidden = hidden * (1.0 - _confirmed(terms, model.bones(params)))
-    stated = calibrated_covariance(model, hidden, joint_covariance, bad, by_cloud)
-    stated += mirrored_covariance(terms, params)
+    reported = calibrated_covariance(model, hidden, joint_covariance, bad, by_cloud)
+    reported += mirrored_covariance(terms, params)
     if is_unmeasured(
         model.scale
     ):  # a size that nothing measured may be another, about where the hand is
         joints = model.joint_positions(model.bones(params))
         rescaled = model.scale.std["overall"] * (joints - joints.mean(axis=0))
-        stated += rescaled[:, :, None] * rescaled[:, None, :]
+        reported += rescaled[:, :, None] * rescaled[:, None, :]
     status, reason = assess(terms, model.bones(params), energy, previous)
     if moved_m is not None and reason is not None and reason.kind == "energy":
         status, reason = Status.TRACKED, None
@@ -593,19 +593,19 @@ def frame_confidence(
             "moved": moved,
             "open": open_sign(joint_covariance),
         }
-        off = failure_probabilities(model, stated, signs)
+        off = failure_probabilities(model, reported, signs)
     if status == Status.TRACKED:
         odd, most = odd_size(model), terms.settings.tracker.doubtful_mm
         reason = odd if odd is not None and not odd.part else None
-        reason = reason or what_is_open(model, stated, most)
+        reason = reason or what_is_open(model, reported, most)
         if most > 0:
-            reason = reason or _may_be_off(model, stated, off) or _may_be_far(model, stated)
+            reason = reason or _may_be_off(model, reported, off) or _may_be_far(model, reported)
         status = Status.TRACKED if reason is None else Status.DOUBTFUL
     if off is None:
-        beyond = probably_beyond(stated, FRAME_OFF_M).max()
+        beyond = probably_beyond(reported, FRAME_OFF_M).max()
         known = float(beyond) if model.kind == "body" else float("nan")
-        return FrameConfidence(status, reason, stated, known)
-    return FrameConfidence(status, reason, stated, *off[:2])
+        return FrameConfidence(status, reason, reported, known)
+    return FrameConfidence(status, reason, reported, *off[:2])
 
 
 def _confirmed(terms: FrameTerms, bones: BonePoses) -> Floats[K]:

@@ -154,9 +154,9 @@ class FrameTask:
         sure = inheriting_uncertainty(sharp, params, known.hessian, self.belief)
         covariance, std, joints = uncertainty(model, params, sure, known.hessian - priors.hessian)
         energies, cost = problem.costs(params), found.system.cost
-        judgement = frame_confidence(terms, params, cost, energies, joints, self.previous)
+        assessment = frame_confidence(terms, params, cost, energies, joints, self.previous)
         result = replace(
-            posed_result(model, self.observation, params, judgement, std),
+            posed_result(model, self.observation, params, assessment, std),
             energy=cost,
             energies=energies,
             iterations=found.iterations,

@@ -63,9 +63,9 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
         for n, one in enumerate(found):
             if one.solved is None:
                 continue
-            judged = _judged(task, one.solved).result
+            assessed = _assessed(task, one.solved).result
             far = np.linalg.norm(palm_middle(model, one.params) - middle) > _NEAR_M
-            if (far and not judged.fits) or judged.p_off_25mm > result.p_off_25mm:
+            if (far and not assessed.fits) or assessed.p_off_25mm > result.p_off_25mm:
                 found[n] = replace(one, cost=np.inf)
         return found
 
@@ -73,10 +73,10 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     standing = objective.measured(Candidate(model, params, origin="standing pose", shape=here))
     number = task.observation.frame
     best = improved(LOST_HAND, objective, standing, number, why, compared)
-    return solved if best.solved is None else _judged(task, best.solved)
+    return solved if best.solved is None else _assessed(task, best.solved)
 
 
-def _judged(task: FrameTask, solved: Solved) -> Solved:
+def _assessed(task: FrameTask, solved: Solved) -> Solved:
     """Return a result with its status judged beside the frames before it."""
     model, result = task.model, solved.result
     bones = model.bones(model.solver_params(result.parameters))

@@ -36,7 +36,7 @@ CALIBRATION = np.arange(9) < LATE
 
 
 @array_dataclass
-class SeenPoses:
+class CameraPoses:
     """The hand of all frames as one camera sees it."""
 
     poses: Floats[F, P]
@@ -132,7 +132,7 @@ class CameraChanges:
         """Of how much later a moment than expected each camera's image is [frames]: below 0 where it is late."""
         return self.values[:, LATE] - np.array(self.ahead, float)
 
-    def seen_poses(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> SeenPoses:
+    def seen_poses(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> CameraPoses:
         """Return how a camera sees the hand; velocity: of the poses [a frame], as `pose_changes.moved` takes it."""
         values, seen = self.values[camera], self.cameras[camera]
         on = self.moments(len(poses))[camera, :, None] * velocity
@@ -156,7 +156,7 @@ class CameraChanges:
         by_camera[:, :, LATE] = velocity
         by_camera[:, PLACE, LATE] = velocity[:, PLACE] @ (zoom @ turn).T
         by_camera[:, TURN, LATE] = velocity[:, TURN] @ turn.T
-        return SeenPoses(
+        return CameraPoses(
             found,
             by_pose,
             by_camera[:, :, self.free],

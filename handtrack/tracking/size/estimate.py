@@ -348,7 +348,7 @@ def estimate_whole(
             best = swept(best.poses)
     except _StoppedError:
         return None
-    covariance, shared = _stated_covariance(best, motion)
+    covariance, shared = _reported_covariance(best, motion)
     return WholeEstimate(
         best.poses, covariance, motion, best.costs, sweep, why, best.shared, shared
     )
@@ -385,7 +385,7 @@ class _StoppedError(Exception):
     """Asked to."""
 
 
-def _stated_covariance(
+def _reported_covariance(
     swept: _Swept, motion: Motion | None
 ) -> tuple[Floats[F, P, P], Floats[K, K]]:
     """Return each pose's covariance, and that of what they share, where what was seen errs alike from frame to frame: a model's own
@@ -394,7 +394,7 @@ def _stated_covariance(
     Of the other frames one in (1 + ρ)/(1 − ρ) is new; and what they say of a direction does not add to what its own frame
     says of it: the surer of both counts. What is shared is not known from the frame alone: its doubt comes on top.
     """
-    system, _ = _system(swept, motion, stated=True)
+    system, _ = _system(swept, motion, reported=True)
     found = np.empty((*swept.poses.shape, swept.poses.shape[1]))
     for first, blocks in system.frames.inverse_parts():
         found[first : first + len(blocks)] = blocks[:, 0]
@@ -420,14 +420,14 @@ def _system(
     motion: Motion | None,
     damping: Floats[F] | None = None,
     shared_damping: float = 0.0,
-    stated: bool = False,
+    reported: bool = False,
 ) -> tuple[Bordered, tuple[Floats[F, P], Floats[K]]]:
     """Return the system of poses and what they share, and its right sides, in which nothing moves that a limit stops.
 
     stated: of what a frame that follows another saw only that counts which was not seen before; of what all share all frames then tell
     as much as those that are alike.
     """
-    new = 1.0 if motion is None or not stated else _NEW
+    new = 1.0 if motion is None or not reported else _NEW
     systems, size = swept.systems, swept.poses.shape[1]
     matrix, gradient = BlockBanded.zero(*swept.poses.shape), systems.gradient[:, :size].copy()
     for at, own in systems.own():
@@ -447,10 +447,10 @@ def _system(
         matrix.blocks[: len(rows), k] *= both
     every = np.arange(size)
     matrix.blocks[:, 0, every, every] += np.where(free, extra, 1.0 + own)
-    alike = swept.alike if stated else np.ones_like(swept.alike)
-    counted = systems.share[:, None, None] if stated else 1.0
+    alike = swept.alike if reported else np.ones_like(swept.alike)
+    counted = systems.share[:, None, None] if reported else 1.0
     border = systems.border * free[:, :, None] * np.sqrt(new / counted / alike)
-    known = swept.shared.known(np.ones_like(alike)) if stated else swept.known
+    known = swept.shared.known(np.ones_like(alike)) if reported else swept.known
     corner = systems.corner / np.mean(counted) / np.sqrt(np.outer(alike, alike)) + known.hessian
     corner += shared_damping * np.diag(np.diag(corner))
     pull = systems.gradient[:, size:].sum(axis=0) + known.gradient

@@ -19,7 +19,7 @@ from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.silhouettes.silhouette_terms import FieldTerm
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.size.cameras import SeenPoses
+from handtrack.tracking.size.cameras import CameraPoses
 from handtrack.tracking.size.person import PersonChange
 
 
@@ -55,7 +55,7 @@ class FrameProblem:
         return cls(seen, replace(problem, observation_terms=()), (), 1.0)
 
     def linearize(
-        self, pose: Floats[P], views: Sequence[SeenPoses], n: int, person: PersonChange
+        self, pose: Floats[P], views: Sequence[CameraPoses], n: int, person: PersonChange
     ) -> tuple[JointSystem, Floats[P, P]]:
         """Return what the frame says of its pose and of what all share: of P + K numbers, changes
         of the pose as `pose_changes.moved` makes them, then the shared ones; and what it alone
@@ -183,7 +183,7 @@ def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
 
 
 def _seen(
-    person: PersonChange, problem: Problem, pose: Floats[P], view: SeenPoses | None, n: int
+    person: PersonChange, problem: Problem, pose: Floats[P], view: CameraPoses | None, n: int
 ) -> JointSystem:
     """Return what was seen by changes of the pose, then of the camera where it may change, and by the free ones of a person's deviations
     (K,), without a size's prior.

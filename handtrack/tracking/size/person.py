@@ -109,7 +109,7 @@ def is_stopped(
 
 
 @dataclass(frozen=True)
-class OpenPerson:
+class Subject:
     """What may be found of a person with all frames."""
 
     build: Callable[[HandScale], ArticulatedModel]
@@ -131,7 +131,7 @@ class PersonChange:
     free: Array[N]
     values: Floats[N]
     known: HandScale | None = None
-    """see OpenPerson"""
+    """see Subject"""
 
     @classmethod
     def none(cls, model: ArticulatedModel) -> PersonChange:
@@ -145,21 +145,21 @@ class PersonChange:
         cls,
         model: ArticulatedModel,
         looks: Sequence[tuple[Observation, Floats[D3]]],
-        who: OpenPerson,
+        subject: Subject,
     ) -> PersonChange:
         """Return what may change of a person by what some frames show, each with the hand's place; none of it yet changed.
 
         All of the shape where masks or joints see the hand from around, or a cloud shows it: of what lies on its other side the prior is left.
         """
         tells = any(one.cloud is not None or seen_around(one, place) for one, place in looks)
-        seen = joints_around(looks) if who.offsets else ()
+        seen = joints_around(looks) if subject.offsets else ()
         parameters = SizeParameters(model, seen)
         split = len(parameters.names) - parameters.offset_count
         masks = any(one.silhouettes for one, _ in looks)
-        free = np.array([who.sizes or (masks and n == FOREARM_END) for n in parameters.names])
+        free = np.array([subject.sizes or (masks and n == FOREARM_END) for n in parameters.names])
         free[:split] &= tells
         free[split:] = True
-        return cls(parameters, free, parameters.deviations(model.scale), who.known)
+        return cls(parameters, free, parameters.deviations(model.scale), subject.known)
 
     @property
     def count(self) -> int:

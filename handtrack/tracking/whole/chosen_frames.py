@@ -14,13 +14,13 @@ from handtrack.parallel import one_blas_thread
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.cameras import OUTLINE, CameraChanges
 from handtrack.tracking.size.estimate import estimate_whole
-from handtrack.tracking.size.person import SIZE_BANDS_MM, OpenPerson, PersonChange
+from handtrack.tracking.size.person import SIZE_BANDS_MM, PersonChange, Subject
 from handtrack.tracking.whole.evidence import Evidence, measured_outlines
 
 
 @one_blas_thread
 def fit_person(
-    who: OpenPerson,
+    subject: Subject,
     model: ArticulatedModel,
     settings: TrackerSettings,
     seen: Sequence[Observation],
@@ -44,7 +44,7 @@ def fit_person(
     scale, cameras = None, CameraChanges.of(seen).finding(OUTLINE)
     for stage, band in enumerate(SIZE_BANDS_MM):
         places = [model.bones(pose).position.mean(axis=0) for pose in current]
-        person = PersonChange.of(model, list(zip(seen, places, strict=True)), who)
+        person = PersonChange.of(model, list(zip(seen, places, strict=True)), subject)
         if not person.count:
             return None
         frames = Evidence(
@@ -60,5 +60,5 @@ def fit_person(
         if found is None or found.scale is None:
             return None
         scale, current, cameras = found.scale, found.poses, found.cameras
-        model = who.build(scale)
+        model = subject.build(scale)
     return scale

@@ -29,7 +29,7 @@ from handtrack.tracking.size.cameras import WIDER, CameraChanges, velocities
 from handtrack.tracking.size.estimate import Shared, WholeEstimate
 from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
 from handtrack.tracking.size.motion import Motion
-from handtrack.tracking.size.person import OpenPerson, PersonChange
+from handtrack.tracking.size.person import PersonChange, Subject
 
 _HELD = 400
 """frames whose terms stay in memory, about 0.3 MB each; of longer recordings they are read anew in each sweep"""
@@ -60,7 +60,7 @@ class Recording:
     """solver parameters by frame of poses that a person set; what lies beside follows, unless they are among the tracked"""
     pinned: Mapping[int, Floats[P]] = field(default_factory=dict)
     """likewise of tracked frames to which a person's pins led: they are refined by their pins"""
-    who: OpenPerson | None = None
+    subject: Subject | None = None
     """what is found of the person: the frames are this person's then"""
 
 

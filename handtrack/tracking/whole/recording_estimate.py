@@ -189,11 +189,11 @@ def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate | None:
 
 def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate in which what some frames tell of the person and of the cameras' times and masks is to be found."""
-    evidence, who = estimate.evidence, estimate.recording.who
+    evidence, subject = estimate.evidence, estimate.recording.subject
     found = [r.frame for r in estimate.tracked if r.status != Status.LOST]
     samples = _samples(evidence, found)
-    if who is not None and samples:
-        evidence = replace(evidence, person=PersonChange.of(evidence.model, samples, who))
+    if subject is not None and samples:
+        evidence = replace(evidence, person=PersonChange.of(evidence.model, samples, subject))
     points = [one for seen, _ in samples for one in seen.keypoints]
     detected = any(isinstance(one, ImageKeypoints) for one in points)
     evidence = replace(evidence, wide=detected and evidence.model.kind == "hand")
@@ -263,12 +263,12 @@ def flip_limbs(estimate: RecordingEstimate) -> RecordingEstimate:
 
 def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate with each frame's result, of the person and by the cameras that were found; these are reported."""
-    found, who = estimate.solved, estimate.recording.who
+    found, subject = estimate.solved, estimate.recording.subject
     refinement = Refinement.of(found, estimate.calibrated)
     estimate.recording.control.on_shared(refinement.text)
     evidence = estimate.evidence.sharing(found.shared)
-    if who is not None and refinement.scale is not None:
-        model = who.build(refinement.scale)
+    if subject is not None and refinement.scale is not None:
+        model = subject.build(refinement.scale)
         evidence = evidence.by(model, dict(zip(estimate.frames, found.poses, strict=True)))
     tracked = estimate.tracked
     results = in_parallel(lambda n: _result(evidence, found, n, tracked), range(len(tracked)))
@@ -390,16 +390,16 @@ def _result(
     change = by_change(pose)
     covariance = change @ found.covariance[n] @ change.T
     _, std, joints = uncertainty(model, pose, np.linalg.inv(covariance))
-    judgement = FrameConfidence(before.status, before.reason, joints)
+    assessment = FrameConfidence(before.status, before.reason, joints)
     seen = frame.terms.has_seen
     terms, problem = frame.seen_by(found, n)
     energies = problem.costs(pose) if seen else {}
     if seen and before.frame not in evidence.silent | evidence.poor:
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
         moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
-        judgement = frame_confidence(terms, pose, energy, energies, joints, tracked[:n], moved_m)
+        assessment = frame_confidence(terms, pose, energy, energies, joints, tracked[:n], moved_m)
     return replace(
-        posed_result(model, before, pose, judgement, std),
+        posed_result(model, before, pose, assessment, std),
         energy=float(found.costs[n]) if seen else float("nan"),
         energies=energies,
         iterations=before.iterations + found.sweeps,

@@ -33,7 +33,7 @@ from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.size.person import OpenPerson, shape_covariance
+from handtrack.tracking.size.person import Subject, shape_covariance
 from handtrack.tracking.whole.chosen_frames import fit_person
 
 HANDS, FRAMES = 20, 6
@@ -71,8 +71,8 @@ def _fitted(seed: int, joints: bool) -> tuple[Floats, Floats, float, float]:
     sure = [n for n, result in enumerate(results) if result.status == Status.TRACKED]
     sure = sure if len(sure) > 1 else list(range(FRAMES))
     poses = [mean.transform.solver_params(results[n].parameters) for n in sure]
-    who = OpenPerson(lambda scale: load_model(scale=scale), offsets=joints)
-    scale = fit_person(who, mean, SETTINGS, [seen[n] for n in sure], poses)
+    subject = Subject(lambda scale: load_model(scale=scale), offsets=joints)
+    scale = fit_person(subject, mean, SETTINGS, [seen[n] for n in sure], poses)
     assert scale is not None, "cameras around tell a shape"
     told = np.array([name != "forearm" for name in size.names])  # nobody sees one
     off = (size.deviations(scale) - deviations)[told]

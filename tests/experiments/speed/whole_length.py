@@ -16,7 +16,7 @@ from handtrack.bench.measuring import alone
 from handtrack.model.kinematics import BonePoses
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.sequence import refine_recording
-from handtrack.tracking.size.person import OpenPerson
+from handtrack.tracking.size.person import Subject
 
 _LENGTHS = (250, 500, 1000)
 """frames; 10,000 take most of an hour"""
@@ -59,9 +59,9 @@ def _measure(folder: str, length: int) -> dict[str, Any]:
         replace(live[int(way[n % len(way)])], frame=n, time_s=n / run.session.fps)
         for n in range(length)
     ]
-    who = OpenPerson(lambda scale: run.with_scale(scale).model)
+    subject = Subject(lambda scale: run.with_scale(scale).model)
     began = time.process_time()
-    refine_recording(replace(run.tracker, subject=who), observe, tracked)
+    refine_recording(replace(run.tracker, subject=subject), observe, tracked)
     seconds = time.process_time() - began
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MB
     return {f"frames_{length}_ms_a_frame": 1e3 * seconds / length, f"frames_{length}_mb": peak}

@@ -71,7 +71,7 @@ def most_clouds(cloud: PointCloud | None) -> int:
 
 
 @array_dataclass
-class KeptObservation:
+class CachedObservation:
     """An observation whose masks are cut to their hands: undistorting and weighing them takes longer than reading them did."""
 
     others: Observation
@@ -80,7 +80,7 @@ class KeptObservation:
     """camera, mask, valid and off_px of each"""
 
     @classmethod
-    def of(cls, seen: Observation) -> KeptObservation:
+    def of(cls, seen: Observation) -> CachedObservation:
         """Return an observation to keep."""
         cut = [(s.camera, CroppedMask.of(s.mask), s.valid, s.off_px) for s in seen.silhouettes]
         return cls(replace(seen, silhouettes=()), tuple(cut))
@@ -95,7 +95,7 @@ class KeptObservation:
         return replace(self.others, silhouettes=tuple(silhouettes))
 
 
-def most_observations(kept: KeptObservation) -> int:
+def most_observations(kept: CachedObservation) -> int:
     """Return how many observations like one are kept."""
     cloud = 0 if kept.others.cloud is None else kept.others.cloud.points.nbytes
     size = cloud + sum(mask.nbytes for _, mask, *_ in kept.silhouettes)
