@@ -1,4 +1,6 @@
-"""The recordings and settings whose results are written down, and how each is run: as a user would, by `handtrack track`."""
+"""The recordings and settings whose results are written down, each bundled and shared session and each mode, and how each is run: as a user
+would, by `handtrack track`.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +27,15 @@ class Case:
 
     recording: Callable[[Path], Path]
     """writes the session into an empty folder, returns it"""
-    options: tuple[str, ...]
+    options: str = ""
+    """of the command"""
 
     def run(self, folder: Path) -> Path:
         """Track; return the file of poses. Raises CalledProcessError with what the command said."""
         session, out = self.recording(folder / "session"), folder / "poses.npz"
         command = [sys.executable, "-m", "handtrack_app.cli", "track", str(session)]
         done = subprocess.run(
-            [*command, "--out", str(out), *self.options],
+            [*command, "--out", str(out), *self.options.split()],
             cwd=REPOSITORY,
             env=os.environ | {"PYTHONPATH": os.pathsep.join((str(REPOSITORY), str(REPOSITORY / "app")))},
             capture_output=True,
@@ -40,7 +43,7 @@ class Case:
             check=False,
         )  # fmt: skip
         if done.returncode:
-            raise RuntimeError(f"{' '.join(command)} {' '.join(self.options)}\n{done.stderr}")
+            raise RuntimeError(f"{' '.join(command)} {self.options}\n{done.stderr}")
         return out
 
 
@@ -82,27 +85,29 @@ def simulated_body(folder: Path) -> Path:
 
 
 CASES: dict[str, Case] = {
-    "bundled": Case(copied("open_fist_open"), ()),
-    "another_hand": Case(copied("another_hand"), ("--frames", "0:30")),
-    "stereo_768": Case(shared("webxr_stereo_768"), ("--use", "cloud", "--frames", "0:30")),
-    "depth_640": Case(shared("webxr_depth_640"), ("--use", "cloud", "--frames", "0:30")),
-    "desk_two_view": Case(shared("desk_two_view"), ("--frames", "18:58")),
-    "auto_start": Case(copied("open_fist_open"), ("--init", "auto", "--frames", "0:6")),
+    "bundled": Case(copied("open_fist_open")),
+    "another_hand": Case(copied("another_hand"), "--frames 0:30"),
+    "stereo_768": Case(shared("webxr_stereo_768"), "--use cloud --frames 0:30"),
+    "depth_640": Case(shared("webxr_depth_640"), "--use cloud --frames 0:30"),
+    "exact_depth_768": Case(shared("webxr_exact_depth_768"), "--frames 0:12"),
+    "open_close_3cam": Case(shared("webxr_open_close_3cam"), "--frames 0:30"),
+    "fist_6cam": Case(shared("webxr_fist_6cam"), "--frames 0:12"),
+    "marked_real_5cam": Case(shared("marked_real_5cam"), "--frames 0:12"),
+    "desk_two_view": Case(shared("desk_two_view"), "--frames 18:58"),
+    "auto_start": Case(copied("open_fist_open"), "--init auto --frames 0:6"),
     "hypotheses_8": Case(
-        shared("d405_real_stereo"),
-        ("--use", "keypoints", "--set", "tracker.hypotheses=8", "--frames", "0:8"),
+        shared("d405_real_stereo"), "--use keypoints --set tracker.hypotheses=8 --frames 0:8"
     ),
-    "body_hypotheses_4": Case(simulated_body, ("--set", "tracker.hypotheses=4")),
-    "fallback_glove9": Case(
-        poor_depth, ("--use", "cloud", "--set", "model.fallback=glove9", "--frames", "0:12")
-    ),
-    "fallback_auto": Case(poor_depth, ("--use", "cloud", "--frames", "0:12")),
+    "body_hypotheses_4": Case(simulated_body, "--set tracker.hypotheses=4"),
+    "paper2003": Case(copied("open_fist_open"), "--set method=paper2003 --frames 0:5"),
+    "paper2004": Case(shared("webxr_depth_640"), "--set method=paper2004 --frames 0:5"),
+    "paper2007": Case(copied("open_fist_open"), "--set method=paper2007 --frames 0:12"),
+    "fallback_glove9": Case(poor_depth, "--use cloud --set model.fallback=glove9 --frames 0:12"),
+    "fallback_auto": Case(poor_depth, "--use cloud --frames 0:12"),
     "edges_intensity": Case(
-        copied("open_fist_open"), ("--use", "silhouettes,edges,intensity", "--frames", "0:12")
+        copied("open_fist_open"), "--use silhouettes,edges,intensity --frames 0:12"
     ),
-    "coupling_18": Case(copied("open_fist_open"), ("--set", "model.coupling=18", "--frames", "0:30")),
-    "size_from_points": Case(
-        copied("another_hand"), ("--set", "model.fit_size=false", "--frames", "0:12")
-    ),
+    "coupling_18": Case(copied("open_fist_open"), "--set model.coupling=18 --frames 0:30"),
+    "size_from_points": Case(copied("another_hand"), "--set model.fit_size=false --frames 0:12"),
 }  # fmt: skip
 """`scale = "fit"` is in another hand's own files: by points, then by silhouettes or the cloud"""
