@@ -47,14 +47,6 @@ def run(session):
     return TrackingRun.open(session)
 
 
-def opening(folder, of, frames, forearm=False):
-    """Write the first frames of a slow motion before three small cameras."""
-    model = load_model(forearm=forearm)
-    joint = motion(model, "open_fist_open", of, np.random.default_rng(0))[:frames]
-    what = Simulation(size=(160, 120), images=False)
-    return simulate(folder, what, known=CustomMotion("opening", model, joint, 0.0))
-
-
 def test_a_result_says_where_it_comes_from(session, run):
     track = run.result(reversed(list(run.track(range(2), *run.initial()))))
     assert_array_equal(track.frame, [0, 1])
@@ -67,20 +59,26 @@ def test_a_result_says_where_it_comes_from(session, run):
     assert_allclose(track.time_s, [0.0, 1 / session.fps])
 
 
+def misleading(folder, arm):
+    """Write four frames before three small cameras; masks of the first are wrong about whether there is an arm."""
+    what, made = Simulation(size=(160, 120), images=False), []
+    for one in (not arm, arm):
+        model = load_model(forearm=one)
+        joint = motion(model, "open_fist_open", 40, np.random.default_rng(0))[:4]
+        known = CustomMotion("opening", model, joint, 0.0)
+        made.append(simulate(folder / str(one), what, known=known))
+    for mask in (made[0] / "masks").glob("*/*0000.*"):
+        (made[1] / mask.relative_to(made[0])).write_bytes(mask.read_bytes())
+    return made[1]
+
+
 @pytest.mark.parametrize("arm", [False, True])
 def test_all_frames_say_whether_there_is_an_arm(tmp_path, arm):
-    """Masks of the first frame were wrong about it; frames tracked without the arm that is there, or with one that is not, say so."""
-    made = {}
-    for forearm in (arm, not arm):
-        made[forearm] = opening(tmp_path / str(forearm), 40, 5, forearm)
-    masks = sorted((made[arm] / "masks").glob("*/*0000.*"))
-    assert len(masks) == 3
-    for mask in masks:
-        mask.write_bytes((made[not arm] / mask.relative_to(made[arm])).read_bytes())
+    """Frames tracked without the arm that is there, or with one that is not, say so."""
     quick = QUICK | {"tracker.estimate": "forward"}
-    run = TrackingRun.open(Session.open(made[arm]), quick)
+    run = TrackingRun.open(Session.open(misleading(tmp_path, arm)), quick)
     assert run.forearm is not arm
-    found = list(run.track(range(5), *run.initial()))
+    found = list(run.track(range(4), *run.initial()))
     right = run.with_arm_of(found)
     assert right.forearm is arm
     seen = list(right.track(range(4), *right.initial()))
@@ -111,6 +109,7 @@ def test_a_cuff_is_modelled_as_long_as_masks_show_it_and_found_again(run):
 
 MEAN = load_model("hand26")
 SMALL = HandScale(0.67)
+SILENT = lambda share, words: None  # noqa: E731
 POSES = motion(MEAN, "open_fist_open", 100, np.random.default_rng(0))[:2]
 
 
@@ -140,7 +139,7 @@ def fitted(missing, scale=HandScale(), first=None):
         )
         for one, joint in zip(seen, POSES, strict=True)
     ]
-    return run, size_of_frames(run, posed, 2, None, lambda share, words: None)  # type: ignore[arg-type]
+    return run, size_of_frames(run, posed, 2, None, SILENT)  # type: ignore[arg-type]
 
 
 def test_half_a_hand_tells_no_size():
@@ -192,8 +191,8 @@ def test_the_first_frames_do_not_decide_where_they_are_bad():
     run = run_of(HandScale(), seen)
     run.track, run.initial, run.with_values = track, lambda: (0, poses[0]), lambda values: run
     run.session.frame_range, run.session.frame_count = range(len(seen)), len(seen)
-    tracked = tracked_for_size(run, None, None, lambda share, words: None)  # type: ignore[arg-type]
-    size = size_of_frames(run, tracked, 8, None, lambda share, words: None)  # type: ignore[arg-type]
+    tracked = tracked_for_size(run, None, None, SILENT)  # type: ignore[arg-type]
+    size = size_of_frames(run, tracked, 8, None, SILENT)  # type: ignore[arg-type]
     assert size.overall == pytest.approx(1.08, abs=0.02)
 
 

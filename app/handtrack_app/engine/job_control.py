@@ -89,7 +89,7 @@ def tracking_request(
         {f: pose for f, pose in guides.items() if f not in accepted | started},
         both_ends,
         fit_size=document.size.pending,
-        track_again=False,  # other takes are of the model that there is
+        track_again=anew,  # else other takes are of the model that there is
     )
 
 
@@ -128,6 +128,7 @@ class RefinedWith:
         return sorted(posed | pinned) or None
 
 
+_OTHER_ARM = "Masks of all frames show another forearm than those of the first."
 _TOLD_MM = 5.0  # a joint's move that one sees: half a finger's breadth
 
 
@@ -445,8 +446,8 @@ class JobControl:
                 self._pass_began(job, began)
             case FramesRefined() as refined:
                 self._refined(job, refined)
-            case SizeFitted(run):
-                self._sized(run)
+            case SizeFitted(run, is_again):
+                self._sized(run, is_again)
             case Warned(text):
                 self._publish(Notice.about_recording(text))
             case list():
@@ -524,12 +525,14 @@ class JobControl:
         self._refined_with = replace(self._given, spans=document.state.spans)
         self._publish(timeline_change(document))
 
-    def _sized(self, run: TrackingRun) -> None:
+    def _sized(self, run: TrackingRun, is_again: bool) -> None:
         document = self._document
+        is_arm = is_again and run.arm_m != document.run.arm_m
         self._store.do("Size", in_turn(edits.size(run.scale), edits.arm(document, run.arm_m)))
         self._publish(session_snapshot(document))
         self._publish(pose_snapshot(document))
-        self._publish(Notice("done", "Size fitted", size_words(document.run)))
+        words = _OTHER_ARM if is_arm else size_words(document.run)
+        self._publish(Notice("done", "Tracking again" if is_arm else "Size fitted", words))
 
     def _found(self, candidates: list[FirstPoseCandidate]) -> None:
         if not candidates:

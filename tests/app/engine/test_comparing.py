@@ -2,8 +2,6 @@
 
 import pytest
 
-from handtrack_app.page.panels.tracking import takes_table
-from handtrack_app.protocol.snapshots import TakeCard, WorkSnapshot
 from tests.app.engine.test_refine import bends
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
@@ -47,9 +45,3 @@ def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench, wire):
     for frame, kept in ((3, 2), (8, 9)):
         beside = document.results[frame].parameters[at], document.by_hand[kept][at]
         assert beside[0] == pytest.approx(beside[1]), "it begins with the kept one beside"
-
-
-def test_names_of_takes_are_text():
-    cards = (TakeCard(2, "<b>x</b>", 0), TakeCard(1, "first", 1))
-    table = takes_table(WorkSnapshot("saved", cards))
-    assert "&lt;b&gt;x" in table and "1 frame shown" in table

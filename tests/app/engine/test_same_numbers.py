@@ -16,6 +16,7 @@ from handtrack_app.protocol.snapshots import Hold
 from tests.app.command_line import small_recording
 from tests.app.desk import working
 from tests.app.waiting import eventually
+from tests.session.test_run import misleading
 
 FRAMES = 4
 
@@ -30,6 +31,7 @@ def tracked_by(worker, listener):
     said = len(listener.seen)
     worker.engine.track(0, FRAMES, worker.document.first_frame, anew=True)
     listener.told("Tracking finished", said)
+    return whole_track(worker.document)
 
 
 def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder):
@@ -64,13 +66,22 @@ def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_ac
     handtrack.does("batch", copies[1], "--jobs", 1, "--out", tmp_path / "out")
     worker, listener = working(copies[2])
     before = worker.document.results[1]
-    tracked_by(worker, listener)
-    found = [whole_track(worker.document), read_npz(copies[1] / "tracks/poses.npz")]
+    found = [tracked_by(worker, listener), read_npz(copies[1] / "tracks/poses.npz")]
     worker.stop()
     for track in found:
         for name in ("frame", "status", "parameters", "parameter_std", "joint_covariance"):
             assert getattr(track, name).tobytes() == getattr(expected, name).tobytes(), name
     assert expected.parameters[1].tobytes() == before.parameters.tobytes(), "it was accepted"
+
+
+def test_an_arm_that_the_first_frame_hides_is_tracked_by_in_the_workbench_too(tmp_path):
+    folder = misleading(tmp_path, arm=True)
+    *_, end = track_session(TrackingRun.open(Session.open(folder)))
+    worker, listener = working(folder)
+    found = tracked_by(worker, listener)
+    worker.stop()
+    assert "Tracking again" in [one.title for one in listener.notices]
+    assert found.parameters.tobytes() == end.track.parameters.tobytes()
 
 
 def corrected(folder):
