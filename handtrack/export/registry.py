@@ -91,7 +91,7 @@ class ExportFormat:
             pointed = ", ".join(known.name for known in FORMATS if not known.one_skeleton)
             raise HandtrackError(
                 f"--landmarks {landmarks}: {self.name} holds a skeleton, whose joints are the model's own. Formats that hold points: "
-                f"{pointed}. Leave --landmarks away."
+                f"{pointed}. Leave out --landmarks."
             )
         return replace(table, track=table.track.in_landmarks(landmarks, table.source))
 
@@ -102,7 +102,7 @@ class ExportFormat:
             turned = ", ".join(known.name for known in FORMATS if known.up)
             raise HandtrackError(
                 f"--up {up}: {self.name} keeps the world's axes, as the calibration has them: its readers ask for none that points "
-                f"up. Those that do: {turned}. Leave --up away."
+                f"up. Those that do: {turned}. Leave out --up."
             )
         return replace(table, track=upright(table.track, up, self.up))
 

@@ -80,7 +80,7 @@ def changed_toml(text: str, changes: Mapping[str, Any]) -> str:
     except (TOMLKitError, tomllib.TOMLDecodeError, TypeError, AttributeError) as error:
         raise ValueError(str(error)) from None
     if _filled(stands) != _filled(wished):
-        raise ValueError("it would not read back as wished")
+        raise ValueError("it would not read back as intended")
     return after
 
 

@@ -327,7 +327,7 @@ def _check_points(
         check_shape(sigma, (len(names),), f"sigma_px of {len(names)} keypoints")
     if not (sigma > 0.0).all():
         raise HandtrackError(
-            f"keypoints: their standard deviation is {sigma.min()}; expected a number above 0: how far off they usually are."
+            f"keypoints: their standard deviation is {sigma.min()}; expected a number above 0."
         )
     object.__setattr__(points, "names", names)
     object.__setattr__(points, field_name, values)

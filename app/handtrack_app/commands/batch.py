@@ -211,7 +211,7 @@ _STOPPED = 130  # as after Ctrl-C
 _STATES = {0: DONE, 2: REFUSED, _STOPPED: INTERRUPTED}
 _HELD = "is being written to by"
 """in the sentence of a session that another program writes to; that may end"""
-_OF_SIGNALS = {9: ": by the system, where memory was short, or by somebody"}
+_OF_SIGNALS = {9: ": by the system when memory ran out, or by a user"}
 _LONGEST = 20
 """lines of a log that are looked at for the cause"""
 

@@ -95,7 +95,7 @@ def live_options(args: argparse.Namespace) -> LiveOptions | None:
     if not args.live:
         if args.camera or args.record is not None:
             raise HandtrackError(
-                "--camera and --record go with --live only: add it, or leave them away."
+                "--camera and --record go with --live only: add it, or leave them out."
             )
         return None
     if args.session is None:

@@ -34,8 +34,7 @@ def host_warning(host: str) -> str:
             probe.bind((host, 0))
     except OSError as error:
         raise HandtrackError(
-            f"--host {host}: this machine cannot listen there ({error.strerror or error}). Leave --host away "
-            f"to listen on {LOOPBACK}, for this machine alone."
+            f"--host {host}: this machine cannot listen there ({error.strerror or error}). Leave out --host to listen on {LOOPBACK}, for this machine alone."
         ) from None
     return (
         f"--host {host}: everyone who knows the address with its token, and can reach this machine over the "
@@ -72,7 +71,7 @@ def choose_port(host: str, asked: int | None = None) -> int:
             return asked
         raise HandtrackError(
             f"--port {asked}: this port of {host} cannot be used ({problem.strerror or problem}). Perhaps "
-            "another workbench is open there; close it, or leave --port away to use the next free one."
+            "another workbench is open there; close it, or leave out --port to use the next free one."
         )
     for port in range(FIRST_PORT, FIRST_PORT + _PORTS_TRIED):
         if _bind(host, port) is None:

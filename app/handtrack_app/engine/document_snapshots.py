@@ -122,7 +122,9 @@ def cloud_card(document: Document) -> CloudCard:
     )
 
 
-_NO_IMAGES = "No camera of this recording has images: its masks cannot be computed, nor seen against anything."
+_NO_IMAGES = (
+    "No camera of this recording has images, so masks can be neither computed nor shown over them."
+)
 _FILES = "Masks of {} are files. Choose a method to compute them from the images, or correct them below: the files stay."
 
 

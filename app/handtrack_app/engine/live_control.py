@@ -118,7 +118,7 @@ class LiveControl:
             if sentence not in self._known_gone:
                 self._known_gone.add(sentence)
                 self._publish(
-                    Notice("warning", "A camera is gone", f"{sentence} The others go on.")
+                    Notice("warning", "A camera is disconnected", f"{sentence} The others go on.")
                 )
         recording = self._recording
         told = LiveSnapshot(

@@ -116,8 +116,7 @@ def carry(
                     return
     if not found:
         raise HandtrackError(
-            "There is nothing to carry: no camera is corrected in this frame and has images of the frames beside, or those "
-            "are corrected themselves."
+            "There is nothing to propagate: no camera that is corrected in this frame has uncorrected images in the frames beside it."
         )
     job.report(found)
 

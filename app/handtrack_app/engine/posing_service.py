@@ -42,7 +42,7 @@ _SOURCES = {
     "previous": "Pose of the frame before",
     "start": "First-frame pose",
 }
-_NOTHING_BEFORE = "No step changed this frame's pose yet: there is no other to look at. After a fit, a drag or a moved slider there is."
+_NOTHING_BEFORE = "No step has changed this frame's pose yet, so there is no earlier pose to show."
 
 
 _MOST = 200
@@ -216,7 +216,7 @@ class PosingService(Service):
     def _refuse_live(self) -> None:
         if self.document.run.session.live is not None:
             raise HandtrackError(
-                "Running cameras go on: a pin would be of an image that is gone. Record a session, and correct that."
+                "Live images cannot be pinned. Record a session, and correct that."
             )
 
 

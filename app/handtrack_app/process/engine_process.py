@@ -40,30 +40,30 @@ def ending_words(code: int, memory: int | None) -> str:
         return f"The engine was ended from outside (SIGKILL), as the system does when memory runs out.{limit}"
     if name in _CRASHES or code > 0:
         how = f"crashed ({name})" if name else f"ended with exit code {code}"
-        return f"The engine {how}: a mistake in handtrack or in a library, or for want of memory.{limit}"
+        return f"The engine {how}: an error in handtrack or a library, or a lack of memory.{limit}"
     if code == 0:
-        return "The engine was asked to end (SIGTERM), by a person or by a guard of the memory."
+        return "The engine was asked to end (SIGTERM), by a person or a memory guard."
     return f"The engine was ended from outside ({name})."
 
 
 def again_notice(how: str, outbox: Outbox, given_up: list[Call]) -> Notice:
     """Return what the user is told when the engine begins again. outbox: what is done again; given_up: what is not."""
-    text, job = f"{how} It begins again from the disk.", outbox.job
+    text, job = f"{how} It restarts from the saved state.", outbox.job
     text += f" Not on disk yet, and done again now: {edits}." if (edits := outbox.words) else ""
     text += f" Given up: {named(given_up)}." if given_up else ""
     if outbox.stopped_at is not None:
         text += f" Tracking stopped at frame {outbox.stopped_at}; there, 'From here' (tab Track) goes on."
     elif job and job != "tracking":
-        text += f" What ran was cut off ({job}); begin it again."
+        text += f" The running job was interrupted ({job}); start it again."
     if outbox.recording:
-        text += f" The recording in {outbox.recording} was cut off: its videos are there, its session.toml is not."
+        text += f" The recording in {outbox.recording} was interrupted: its videos are there, its session.toml is not."
     return Notice("error", "The engine was ended", f"{text} Details: {ENGINE_LOG}")
 
 
 def down_notice(how: str, times: int, outbox: Outbox, given_up: list[Call]) -> Notice:
     """Return what the user is told when the engine stays ended, after so many times within a minute."""
     text = f"{how} That was {times} times within a minute." if times > 1 else how
-    text += " It does not begin again by itself: 'Start again' (at the top) opens what is on disk."
+    text += " It does not restart by itself: 'Start again' (at the top) opens what is on disk."
     text += f" Not on disk yet: {edits}; done again then." if (edits := outbox.words) else ""
     text += f" Given up: {named(given_up)}." if given_up else ""
     return Notice("error", "The engine stays ended", f"{text} Details: {ENGINE_LOG}")

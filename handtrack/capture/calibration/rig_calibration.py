@@ -201,7 +201,7 @@ def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -
         )
     except cv2.error as error:
         raise HandtrackError(
-            f"camera '{camera.name}': its lens cannot be told from {len(views)} views ({error.err}). "
+            f"camera '{camera.name}': its lens cannot be determined from {len(views)} views ({error.err}). "
             "They may all be square on to the camera; record tilted ones too."
         ) from None
     poses = tuple(_pose_matrix(np.ravel(pose).astype(float)) for pose in zip(turns, shifts))
@@ -307,11 +307,10 @@ def _warnings(board: Board, fits: Sequence[_LensFit], refined: Refined) -> Itera
     if len(board.turns) > 1 and len(fits) > 1:
         yield (
             f"the board {board.text} looks the same after {'a quarter' if len(board.turns) > 2 else 'half a'} "
-            "turn; which way round it was is settled by what most common views agree on, which needs "
-            "a board that moves. A board with one even and one odd count (such as 9x6) is safe."
+            "turn; its orientation is taken from the majority of common views, which needs a board that moves. A board with one even and one odd count (such as 9x6) is safe."
         )
     if not refined.converged:
-        yield ("the refinement stopped before it had settled; treat the numbers with care.")
+        yield ("the refinement stopped before it had converged; treat the numbers with care.")
     if isinstance(board, CharucoBoard) and board.rows % 2 == 0:
         yield (
             "ChArUco boards with an even number of rows were printed otherwise by OpenCV before 4.6; "

@@ -80,7 +80,7 @@ class ImportedJoints:
             raise HandtrackError(f"{where}: no hand in any frame.")
         if side is None and len(there) > 1:
             raise HandtrackError(
-                f"{where}: two hands, {' and '.join(map(str, there))}; say which with --side."
+                f"{where}: two hands, {' and '.join(map(str, there))}; choose one with --side."
             )
         chosen = next(iter(there)) if side is None or side not in there else side
         if side is not None and chosen not in (side, ""):
@@ -203,7 +203,7 @@ def checked_bodies(
     counts = {len(person) for people in found.values() for person in people}
     if len(counts) > 1:
         raise HandtrackError(
-            f"{where}: people of {' and of '.join(map(str, sorted(counts)))} points; expected one detector's, all alike."
+            f"{where}: people of {' and of '.join(map(str, sorted(counts)))} points; expected one detector's, with the same number throughout."
         )
     return ImportedBodies(found, layout, unknown) if found else None
 
@@ -248,14 +248,13 @@ def layout_of(
     if np.isfinite(off[best]) and off[best] > _MOST_OF_A_BODY:
         raise HandtrackError(
             f"{where}: its {bodies.count} points make no bodies in the order of {' or '.join(fit)}: their limbs have no "
-            f"body's proportions. If it is that order all the same, say so with --layout {best}."
+            f"body's proportions. If it is that order all the same, confirm it with --layout {best}."
         )
     if others and not off[others[0]] > _CLEARLY * off[best]:  # nor where nobody is seen
         if likely in fit:
             return likely
         raise HandtrackError(
-            f"{where}: {bodies.count} points may be {' or '.join(fit)}, and what is seen does not tell which; say it with "
-            f"--layout, such as --layout {best}."
+            f"{where}: {bodies.count} points may be {' or '.join(fit)}, and the points do not show which; choose it with --layout, such as --layout {best}."
         )
     return best
 

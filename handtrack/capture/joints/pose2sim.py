@@ -89,7 +89,7 @@ def read_pose2sim(folder: Path, calibration: Path | None) -> Pose2SimProject:
     said = re.sub("[^a-z0-9]", "", str(config.get("pose", {}).get("pose_model", "")).lower())
     if (excluded := next(_folders(folder, *_ASSOCIATED), None)) is not None:
         notes.append(
-            f"{excluded.name} is not used: who is who is told from {pose.name if pose else 'pose'} (--person)."
+            f"{excluded.name} is not used: people are identified from {pose.name if pose else 'pose'} (--person)."
         )
     return Pose2SimProject(
         found,
@@ -212,15 +212,14 @@ def _lags(folder: Path, joints: Mapping[str, Path], notes: list[str]) -> dict[st
             lag = _shift(joints[camera], synchronised)
             if lag is None:
                 raise HandtrackError(
-                    f"--project {folder}: {synchronised} holds other joints than {joints[camera]}, so how late the camera is cannot "
-                    "be told. Remove one of the two folders, or give --calibration, --video and --keypoints yourself."
+                    f"--project {folder}: {synchronised} holds other joints than {joints[camera]}, so the camera's time offset cannot be determined. Remove one of the two folders, or give --calibration, --video and --keypoints yourself."
                 )
             if lag:
                 lags[camera] = lag
     if lags:
         told = ", ".join(f"{camera} by {lag}" for camera, lag in lags.items())
         notes.append(
-            f"synchronised as in {place.name if place else ''}: cameras are late by frames: {told}."
+            f"synchronised as in {place.name if place else ''}: time offsets in frames (positive: late): {told}."
         )
     return lags
 

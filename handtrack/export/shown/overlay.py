@@ -39,7 +39,7 @@ def write(path: Path, table: ResultsTable) -> None:
     """
     if table.session_folder is None:
         raise HandtrackError(
-            f"{table.source} lies in no session, so that there are no images to draw on. Say where they are with --session DIR."
+            f"{table.source} lies in no session, so there are no images to draw on. Name the session with --session DIR."
         )
     session, table = Session.open(table.session_folder), table.without_gaps
     track = table.track

@@ -69,7 +69,7 @@ def import_truth(path: Path, side: str) -> tuple[Truth, str]:
     spans = _HAND_M if set(chosen.values()) <= set(JOINTS) else _BODY_M
     if not chosen:
         raise HandtrackError(
-            f"{path}: no {side} hand; there is a {' and a '.join(filter(None, sides))} one. Say which with --side."
+            f"{path}: no {side} hand; there is a {' and a '.join(filter(None, sides))} one. Choose one with --side."
         )
     finite = np.isfinite(markers.positions[:, list(chosen)])
     known = np.asarray(finite.all(axis=2))

@@ -128,7 +128,7 @@ def _check_unit(where: str, step_s: float, fps: float | None) -> None:
             agree = "" if fps is None else f", as fps = {fps:g} agrees with"
             raise HandtrackError(
                 f"{where}: {step_s:.4g} s from frame to frame; expected seconds. Are these {unit}{agree}? Multiply time_s "
-                f"by {size_s:g}. If they are seconds, say so by an fps of {1 / step_s:.3g} in session.toml."
+                f"by {size_s:g}. If they are seconds, confirm it with an fps of {1 / step_s:.3g} in session.toml."
             )
 
 

@@ -102,7 +102,7 @@ def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
 
 def test_a_camera_that_goes_is_told_once_and_all_of_them_end_tracking(studio):
     studio.devices[0].fail(3)
-    studio.listener.told("A camera is gone")
+    studio.listener.told("disconnected")
     studio.worker.engine.track_live()
     studio.devices[1].fail(3)
     stopped = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking stopped")

@@ -172,7 +172,7 @@ def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path):
     worker.engine.undo(1)
     eventually(lambda: corrections.frames == [2, 5])
     worker.engine.carry_masks(0, "cam1", 1, 1)
-    listener.told("nothing to carry")
+    listener.told("nothing to propagate")
     worker.stop()
 
 

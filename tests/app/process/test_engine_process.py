@@ -158,7 +158,7 @@ def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_
     assert state["pose/4"] is None or state["pose/4"].get("carried"), "undone once"
     assert state["accepted"] == [[5, 6]] and state["setting/cloud.weight"] == 7.0
     assert holder_of(tracks).pid == engine.pid
-    assert not any("looked at" in notice.text for notice in page.notices)
+    assert not any("read-only" in notice.text for notice in page.notices)
 
 
 def deadly_document(folder):

@@ -134,7 +134,7 @@ def _asked(found: Unit, where: str, yes: bool, what: str) -> float:
         return unit
     maybe = "" if proposal is None else f" ({proposal:g} would be usual for a {what})"
     raise HandtrackError(
-        f"{where}: {found.why} Say how many metres one unit of it is, with --world-unit-m{maybe}: 1 for metres, 0.001 for "
+        f"{where}: {found.why} Give the metres in one unit with --world-unit-m{maybe}: 1 for metres, 0.001 for "
         "millimetres, the side of a square in metres for a board counted in squares. Nothing was written."
     )
 
@@ -212,7 +212,7 @@ def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
     side, confidence, count, looks = observed_side(session, HandDetector.open(weights))
     seen = f"a hand is detected in {count} of {looks} images"
     if not count:
-        say(f"note: {seen}; the side is taken to be {USUAL}. Say otherwise with --side left.")
+        say(f"note: {seen}; the side is taken to be {USUAL}. Use --side left for a left hand.")
         return USUAL
     percent = f"{100 * confidence:.0f} % sure"
     if confidence >= _SURE or yes or not can_ask():

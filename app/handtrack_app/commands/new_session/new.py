@@ -244,7 +244,7 @@ def _check_depth(recorded: Mapping[str, Recorded], scale: float | None) -> None:
     deep = [cam.depth for cam in recorded.values() if cam.depth is not None]
     if deep and scale is None:
         raise HandtrackError(
-            f"{deep[0].where}: how many metres is one unit of these files? Say it with --depth-scale: 0.001 for millimetres "
+            f"{deep[0].where}: how many metres is one unit of these files? Give it with --depth-scale: 0.001 for millimetres "
             "(Kinect, many RealSense), 0.0001 for a RealSense D405."
         )
     if scale is not None and not deep:
@@ -260,9 +260,7 @@ def _frame_rates(
     rates = {name: cam.images.fps for name, cam in recorded.items() if cam.images is not None}
     known = [rate for rate in rates.values() if rate > 0]
     if not known:
-        raise HandtrackError(
-            "nothing recorded says how many frames a second there are; give it with --fps."
-        )
+        raise HandtrackError("no recording states its frame rate; give it with --fps.")
     fps = known[0]
     own = {
         name: rate

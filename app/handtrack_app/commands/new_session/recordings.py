@@ -225,7 +225,7 @@ def linked_setting(given: Given) -> tuple[str, Path]:
     first = given.files[0].resolve()
     if is_pattern(str(first)):
         raise HandtrackError(
-            f"{given.where}: a path with *, ? or [ cannot be linked. Rename it, or leave --link away."
+            f"{given.where}: a path with *, ? or [ cannot be linked. Rename it, or leave out --link."
         )
     name = first.name if given.option == _VIDEO else f"*{given.files[0].suffix}"
     return (first.parent / name).as_posix(), first.parent
@@ -412,7 +412,7 @@ def _kind(args: argparse.Namespace, read: Mapping[str, tuple[str, ImportedJoints
         first = by_kind[BODY][0]
         others = "" if first in by_kind[HAND] else f", and {by_kind[HAND][0]} hands"
         raise HandtrackError(
-            f"{first} has bodies{others or ' and hands'}; say what is to be tracked: --model body34 for the body, --model hand26 "
+            f"{first} has bodies{others or ' and hands'}; choose what to track: --model body34 for the body, --model hand26 "
             "for the hand (or --side right)."
         )
     return BODY if by_kind[BODY] else HAND
@@ -422,10 +422,10 @@ def _check_wished(args: argparse.Namespace, kind: Subject, read: Mapping[str, ob
     """Raise HandtrackError for words that do not belong to what is tracked, or to joints that are not given."""
     for option, value in (("--layout", args.layout), ("--person", args.person)):
         if value is not None and not read:
-            raise HandtrackError(f"{option} {value} is about joints, but no --keypoints are given.")
+            raise HandtrackError(f"{option} {value} needs --keypoints, which are not given.")
     if kind is HAND and args.person is not None:
         raise HandtrackError(
-            f"--person {args.person} is about bodies; a hand is chosen with --side."
+            f"--person {args.person} applies to bodies; choose a hand with --side."
         )
     if args.layout is not None and is_body(LAYOUTS[args.layout]) != (kind is BODY):
         raise HandtrackError(
@@ -455,7 +455,7 @@ def _person(
         )
     what, notes = f"{given.family}, a body ({layout})", ()
     if len(everybody) > 1:
-        what += f", {'the tallest who stays' if args.person is None else f'person {number}'}"
+        what += f", {'the tallest one present throughout' if args.person is None else f'person {number}'}"
         others = ", ".join(str(len(p)) for p in everybody[:4] if p is not everybody[number - 1])
         notes = (
             f"{where}: {len(everybody)} people; others are in {others} frames (--person chooses one).",

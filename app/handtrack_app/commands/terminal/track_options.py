@@ -196,7 +196,7 @@ def writable(asked: Path | None, folder: Path) -> Path:
 # ---- First poses that leave something open: found by `--init auto`, or joints in images; says how sure they are
 
 
-_ANYWAY = "Track from it all the same?"
+_ANYWAY = "Track from it anyway?"
 
 
 def found_first_pose(
@@ -233,7 +233,7 @@ def found_first_pose(
         raise HandtrackError(
             f"{session.folder}: the best first pose, in frame {found[0].frame}, has a confidence of {percent(found[0].confidence)}, so "
             f"nothing was tracked. Look at it in the workbench (`handtrack open`), {more}, give a "
-            "pose (--init FILE), name other frames with --frames, or take it all the same with --yes."
+            "pose (--init FILE), name other frames with --frames, or use it anyway with --yes."
         )
     return None if stop() else first
 
@@ -247,7 +247,7 @@ def ask_for_other_side(session: Session, first: FirstPose | None, yes: bool) -> 
             say(f"note: {finding.text}")
         if not confirmed(_ANYWAY):
             raise HandtrackError(
-                f"{session.folder}, {finding.text} Nothing was tracked from it. Take it all the same with --yes."
+                f"{session.folder}, {finding.text} Nothing was tracked from it. Use it anyway with --yes."
             )
 
 

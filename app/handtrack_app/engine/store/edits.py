@@ -118,7 +118,7 @@ def corrected_cameras(document: Document, cameras: Sequence[str]) -> Edit:
     for camera in cameras:
         if camera not in known:
             raise HandtrackError(
-                f"Nothing is known to be wrong with camera '{camera}', or it is corrected already."
+                f"No error of camera '{camera}' was estimated, or it is corrected already."
             )
         found[camera] = known[camera]
         if camera in earlier:

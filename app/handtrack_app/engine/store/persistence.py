@@ -174,7 +174,7 @@ class Persistence:
         except (HandtrackError, OSError) as error:
             told = str(error)
             if isinstance(error, LeaseTaken):
-                told += " Here it can be looked at; nothing is saved."
+                told += " It is open read-only; nothing is saved."
             elif isinstance(error, OSError):
                 told = f"{folder}: {_UNWRITABLE} ({error.strerror})."
             return cls(document, None, Store(folder).history(), told)
@@ -466,7 +466,7 @@ class Persistence:
 
     def _pass_over(self, name: str, error: Exception) -> None:
         log.warning("%s of last time passed over: %s", name, error)
-        self._warn(f"Passed over of last time: {name}, since it cannot be any more. {error}")
+        self._warn(f"Not restored from last time: {name}. {error}")
 
     def _take_files(self) -> None:
         """Make takes of track files that the store does not know; where nothing can be written, only show them."""

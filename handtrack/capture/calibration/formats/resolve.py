@@ -57,7 +57,7 @@ def named(rig: ImportedRig, wished: Sequence[str], where: str) -> tuple[Imported
         if any(_bare(name) == _bare(left) for left in rig.unposed):
             raise HandtrackError(
                 f"{where}: it does not say where camera '{name}' stands (no pose), so its images cannot be used. Cameras with a "
-                f"pose: {', '.join(str(c.name) for c in rig.cameras)}. Leave it away, or calibrate it with the others."
+                f"pose: {', '.join(str(c.name) for c in rig.cameras)}. Leave it out, or calibrate it with the others."
             )
     left = f"no pose, so left out: {', '.join(rig.unposed)}." if rig.unposed else ""
     if all(camera.name is not None for camera in rig.cameras):
