@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, J, K, N, contiguous
+from handtrack.arrays import D3, Array, Floats, Ints, K, N, contiguous
 from handtrack.errors import index_of
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields, BonePoses
@@ -99,7 +99,8 @@ class KeypointTerm(ObservationTerm):
             bone, own = pinned_places(self.model, observed.pins)
         else:
             known, joint = _are_known(targets), self._joints
-            bone, own = self.model.joint_bone[joint], points_meant(self.model, observed)[joint]
+            meant = self.model.observed_point if self.is_detected else self.model.joint_point
+            bone, own = self.model.joint_bone[joint], meant[joint]
             targets, sigma = targets[known], sigma[known]
         projection = (
             np.zeros((0, 4)) if isinstance(observed, Keypoints) else observed.camera.projection
@@ -118,11 +119,6 @@ class KeypointTerm(ObservationTerm):
         """Return which joints of the model were seen, and how far from them they are, in units of the points' sigma."""
         off = self.rows(bones).residual.reshape(-1, _targets(self.observed)[0].shape[1])
         return self._joints, np.linalg.norm(off, axis=1)
-
-
-def points_meant(model: ArticulatedModel, observed: Keypoints | ImageKeypoints) -> Floats[J, D3]:
-    """Return the points of the bones, in their frames [m], that observed joints mean: in images a detector's."""
-    return model.observed_point if isinstance(observed, ImageKeypoints) else model.joint_point
 
 
 def pinned_places(model: ArticulatedModel, pins: Sequence[Pin]) -> tuple[Ints[K], Floats[K, D3]]:

@@ -20,3 +20,4 @@ def test_joints_are_observed_without_the_lens_those_hardly_seen_left_out(tmp_pat
     assert set(names[~known]) == {"thumb_tip"}
     expected = seen.camera.project(keypoints()[[keypoint_names().index(n) for n in names]])
     np.testing.assert_allclose(seen.pixels[known], expected[known], atol=1e-2)
+    np.testing.assert_array_equal(seen.sigma_px, 2.0)
