@@ -212,7 +212,7 @@ _OF_PERSON = (
     _FRAMES,
     _number("--count", int, 1, default=20, metavar="N", help="number of frames fitted, evenly spaced (20)"),
     _INIT, _YES,
-    _option("--use", metavar="NAMES", help="observations: silhouettes, cloud; comma-separated"),
+    _option("--use", metavar="NAMES", help="observations: silhouettes, cloud, keypoints; comma-separated"),
     _SET, _KNOWN_PERSON,
     _option("--out", type=Path, metavar="FILE.toml|.json",
             help="file to write (default: person.toml beside the session or result; with `size`, hand.json or body.json)"),

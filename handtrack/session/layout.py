@@ -172,7 +172,7 @@ def place_of(path: Path, folder: Path) -> str:
 def _rooted(folder: Path, setting: str) -> tuple[Path, str]:
     """Return the folder that a setting must not leave, and the setting below it."""
     if _is_absolute(setting) and "\0" not in setting:
-        for linked in linked_folders(folder):
+        for linked in _links().get(str(folder.resolve()), []):
             if setting.startswith(f"{linked}/"):
                 return Path(linked), setting.removeprefix(f"{linked}/")
     return folder, setting
@@ -204,11 +204,6 @@ def _leaves(folder: Path, setting: str, where: str, path: Path) -> HandtrackErro
 
 
 _FILE = "links.json"
-
-
-def linked_folders(session: Path) -> list[str]:
-    """Return the folders outside of a session's that it may read, as absolute paths."""
-    return _links().get(str(session.resolve()), [])
 
 
 def allow_links(session: Path, folders: Iterable[Path]) -> None:

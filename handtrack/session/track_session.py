@@ -12,6 +12,7 @@ from itertools import pairwise
 
 from handtrack.arrays import Floats, P, S, array_dataclass
 from handtrack.errors import HandtrackError
+from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.posed_frames import keyframe_result, posed_frames
 from handtrack.session.run import ReportProgress, TrackingRun
@@ -340,6 +341,7 @@ class _Tracking:
     def events(self) -> Iterator[Event]:
         """Yield all events."""
         request, run = self._request, self._run
+        yield from map(Warned, odd_side(run.first, run.session))
         if request.fit_size and run.sizes_first and run.settings.model.fit_size == "true":
             sized = None
             self._on_progress(Progress("size", 0.0, f"fitting the {run.model.kind}'s size …"))
@@ -486,16 +488,22 @@ class _Tracking:
 
     def _warnings(self) -> Iterator[str]:
         run, results = self._ended_run, list(self._results.values())
-        joints_given = run.first is not None and run.first.xyz is not None
-        if self._take is not None and self._take.is_first and not joints_given:
+        first = run.first
+        # of a pose that was searched points only say its size
+        by_joints = (
+            first is not None
+            and first.xyz is not None
+            and (first.confidence is None or run.sees_joints)
+        )
+        if self._take is not None and self._take.is_first and not by_joints:
             tracked = {r.frame: r.parameters for r in results if r.status != Status.LOST}
             control = Control(self._stops)
             text = wrong_side_warning(run.session, run.settings, run.model, tracked, control)
-            yield from [text] if text else []
+            yield from filter(None, [text])
         refinement = None if self._refined is None else self._refined.refinement
         found = [] if refinement is None else refinement.words
         text = "" if found or self._stops() else inconsistency_of_cameras(run, results)
-        yield from found or ([text] if text else [])
+        yield from found or filter(None, [text])
 
     @property
     def _ended_run(self) -> TrackingRun:

@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop, args.yes)
         elif (given := first or session.init) is not None and given.pixels:
-            first = first_pose_of_images(session, settings, given)
+            first = first_pose_of_images(session, settings, given, args.yes)
         if stop():
             say("handtrack track: interrupted before the first frame; nothing was saved.")
             return INTERRUPTED

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights
 from handtrack.errors import HandtrackError, not_enough_memory
+from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
@@ -243,3 +244,5 @@ def find(job: BackgroundJob, run: TrackingRun, frame: int | None, fetch: bool) -
     found = find_first_poses(run, frame, job.should_stop, job.show_progress)
     if not job.should_stop():
         job.report(found)
+        for words in odd_side(found[0].given, run.session) if found else ():
+            job.report(Warned(words))

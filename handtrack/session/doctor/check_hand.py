@@ -212,11 +212,19 @@ def check_side_of(what: str, xyz: Floats[D21, D3], session: Session) -> Iterator
         )
 
 
+def odd_side(first: FirstPose | None, session: Session) -> list[str]:
+    """Return in words that a first pose's joints are those of the other hand; nothing where it has none."""
+    if first is None or first.xyz is None:
+        return []
+    return [finding.text for finding in check_side_of("first pose", first.xyz, session)]
+
+
 def _off_m(xyz: Floats, side: str) -> float:
     """Return how far joints (21, 3) are from those of a hand of that side fitted to them, root mean square [m]."""
     mean = load_model("hand26", side)
     usual = mean.keypoints21(mean.bones(mean.rest_params()))
-    size = float(np.nanmedian(_palm_lengths(xyz) / _palm_lengths(usual)))
+    sizes = _palm_lengths(xyz) / _palm_lengths(usual)
+    size = float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 1.0
     model = load_model("hand26", side, HandScale(min(max(size, 0.5), 2.0)))
     fitted = fit_keypoints(model, Keypoints(keypoint_names(), xyz, _KEYPOINT_SIGMA_M))
     found = model.keypoints21(model.bones(fitted))

@@ -8,6 +8,9 @@ import pytest
 
 from handtrack import Session, Status, bundled_session, evaluate, load_model, read_npz
 from handtrack.model.pose_library import named_pose
+from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
+from handtrack_app.commands.terminal import track_options
 from tests.app.command_line import SIZE
 from tests.capture.mosaics import mosaic_of
 from tests.session.small_session import edit
@@ -65,9 +68,7 @@ def asked(monkeypatch):
 
 
 def test_c31_track_and_doctor_name_the_other_side(handtrack, done, asked):
-    handtrack.does("track", done, "--frames", "0:2")
-    assert DOUBT not in handtrack("doctor", done).out
-    assert asked == []  # its first pose says where each joint is
+    assert DOUBT not in handtrack("doctor", done).out  # its first pose says where each joint is
     poses = read_npz(done / "tracks/poses.npz")
     row = dict(zip(poses.parameter_names, map(float, poses.parameters[0]), strict=True))
     (done / "init.json").write_text(json.dumps({"frame": 0, "parameters": row}))
@@ -79,19 +80,30 @@ def test_c31_track_and_doctor_name_the_other_side(handtrack, done, asked):
 
 
 def test_joints_of_the_other_hand_are_asked_about_before_anything_is_tracked(
-    handtrack, session, tmp_path
+    handtrack, session, tmp_path, monkeypatch, asked
 ):
     left = load_model(side="left")
-    points = left.keypoints21(left.bones(named_pose(left, "pinch")))
+    pose = named_pose(left, "pinch")
+    points = left.keypoints21(left.bones(pose))
     given = {"frame": 0, "convention": "openpose21", "unit": "m", "xyz": points.tolist()}
     (session / "init.json").write_text(json.dumps(given))
     out = tmp_path / "poses.npz"
     tracked = ("track", session, "--frames", "0:1", "--out", out)
-    for asked in (tracked, ("size", session)):
-        refused = handtrack(*asked)
+    searched = (*tracked, "--init", "auto")
+    points[0] = np.nan  # no camera shows the wrist
+    found = FirstPoseCandidate(
+        left, pose, 0.0, confidence=1.0, frame=0, given=FirstPose(0, xyz=points)
+    )
+    monkeypatch.setattr(track_options, "find_first_poses", lambda *_: [found])
+    for command in (tracked, searched, ("size", session)):
+        refused = handtrack(*command)
         assert refused.code == 2 and "--yes" in refused.err and not out.exists()
     handtrack.does(*tracked, "--yes")
-    assert out.exists()
+    assert out.exists() and not asked
+    ended = handtrack.does(*searched, "--yes", "--restart")
+    assert asked and "a left hand's" in ended.err, (
+        "points of a pose that was searched may tell no side"
+    )
 
 
 FRAMES = 2

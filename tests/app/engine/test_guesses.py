@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handtrack import HandScale, HandtrackError
+from handtrack import HandScale, HandtrackError, load_model
+from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack.tracking.frame.result import Alternative
 from handtrack_app.engine import jobs
@@ -42,7 +43,10 @@ def search(monkeypatch):
         while not go.wait(0.01):
             if should_stop():
                 return []
-        return [] if frame == 9 else candidates(run, 5 if frame is None else frame)
+        found = candidates(run, 5 if frame is None else frame)
+        left = load_model(side="left")
+        other = FirstPose(8, xyz=left.keypoints21(left.bones(left.rest_params())))
+        return {8: [replace(found[0], given=other)], 9: []}.get(frame, found)
 
     monkeypatch.setattr(jobs, "find_first_poses", find)
     yield go
@@ -110,6 +114,8 @@ def test_a_search_can_be_cancelled_and_may_find_nothing(bench, wire, search, mon
     bench.engine.find_hand(9)
     eventually(lambda: "No hand found" in messages.said.content)
     assert panel.guesses is None
+    bench.engine.find_hand(8)
+    eventually(lambda: "a left hand" in messages.said.content, "joints of the other hand are told")
 
 
 def test_hypotheses_that_the_tracker_carries_are_ghosts(bench):

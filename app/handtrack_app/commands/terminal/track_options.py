@@ -11,7 +11,7 @@ from pathlib import Path
 
 from handtrack.errors import HandtrackError, listed_names
 from handtrack.model.model_file import load_model
-from handtrack.session.doctor.check_hand import check_side_of
+from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import (
@@ -25,7 +25,7 @@ from handtrack.session.run import TrackingRun, poses_of_image_joints
 from handtrack.session.session import Session
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack_app.commands.terminal.output import Stop, can_ask, confirmed, output_file, say
+from handtrack_app.commands.terminal.output import Stop, confirmed, output_file, say
 
 _SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
 _UNUSUAL = ("edges", "intensity")  # off unless they are asked for
@@ -221,6 +221,7 @@ def found_first_pose(
     for line in described(found):
         say(line)
     first = found[0].first_pose
+    ask_for_other_side(session, first, yes)
     if found[0].confidence >= SURE or yes:
         return first
     unfitted = {**overrides, "model.fit_size": False}
@@ -239,25 +240,22 @@ def found_first_pose(
 
 
 def ask_for_other_side(session: Session, first: FirstPose | None, yes: bool) -> None:
-    """Raise HandtrackError where a given first pose's joints are those of the other hand, and nobody says that it is to be taken."""
-    if yes or first is None or first.xyz is None:
-        return
-    for finding in check_side_of("first pose", first.xyz, session):
-        if can_ask():
-            say(f"note: {finding.text}")
-        if not confirmed(_ANYWAY):
+    """Raise HandtrackError where a first pose's joints are those of the other hand, and nobody says that it is to be taken."""
+    for words in [] if yes else odd_side(first, session):
+        if not confirmed(f"{words} {_ANYWAY}"):
             raise HandtrackError(
-                f"{session.folder}, {finding.text} Nothing was tracked from it. Use it anyway with --yes."
+                f"{session.folder}, {words} Nothing was tracked from it. Use it anyway with --yes."
             )
 
 
 def first_pose_of_images(
-    session: Session, settings: TrackerSettings, first: FirstPose
+    session: Session, settings: TrackerSettings, first: FirstPose, yes: bool
 ) -> FirstPose:
-    """Return the likeliest pose that joints in images mean, and tell the others."""
+    """Return the likeliest pose that joints in images mean, and tell the others; see `ask_for_other_side`."""
     found = poses_of_image_joints(session, settings, first)
     for line in described(found):
         say(line)
+    ask_for_other_side(session, found[0].first_pose, yes)
     return found[0].first_pose
 
 
