@@ -12,7 +12,6 @@ REGISTRIES = re.compile(
     "|".join([r"pypi" + r"\.org", "files" + r"\.pythonhosted", "registry" + r"\.npmjs"])
 )
 INDEX_URL = re.compile(r"https?://[^ \"'\s]*/(?:simple|packages)/")
-LOCK_FILES = ("uv.lock", "poetry.lock", "package-lock.json", "Pipfile.lock", "pdm.lock")
 MACHINE_PATH = re.compile(
     "|".join(["/work" + r"/(?:main|venv|shared|notes|scratch)", "/ro" + "ot/"])
 )
@@ -40,7 +39,3 @@ def test_no_file_names_a_registry_or_this_machine(pattern):
             if pattern.search(line)
         ]
     assert not named, "\n".join(named)
-
-
-def test_no_lock_file_is_committed():
-    assert [path.name for path in committed() if path.name in LOCK_FILES] == []

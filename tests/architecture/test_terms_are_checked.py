@@ -23,7 +23,5 @@ def terms():
 def test_every_term_goes_through_the_finite_difference_check():
     tests = [path.read_text(encoding="utf-8") for path in (REPOSITORY / "tests").rglob("test_*.py")]
     checking = [text for text in tests if any(f"{check}(" in text for check in CHECKS)]
-    found = terms()
-    assert {"KeypointTerm", "CloudRaysTerm", "CoverageTerm"} <= set(found)
-    missing = [name for name in found if not any(f"{name}(" in text for text in checking)]
+    missing = [name for name in terms() if not any(f"{name}(" in text for text in checking)]
     assert not missing, f"no test in tests/ hands these to one of {CHECKS}: {missing}"

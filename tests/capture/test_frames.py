@@ -120,25 +120,23 @@ def shown(source, frame):
     return sum(1 << bit for bit in range(8) if bright[bit])
 
 
-def test_any_order_gives_the_frame_that_was_asked_for(clip, rng, monkeypatch):
+@pytest.fixture
+def source(clip, monkeypatch):
+    """A video of which nothing is kept but places to begin at."""
     monkeypatch.setattr(video_module, "_CACHE_BYTES", 0)
     monkeypatch.setattr(video_module, "_CHECKPOINT_EVERY", 10)
-    source = VideoFile(clip)
-    assert source.frames == range(FRAMES)
-    forward = list(range(0, 30))
-    backward = list(range(80, 40, -1))
-    anywhere = [int(frame) for frame in rng.integers(0, FRAMES, 60)]
-    for frame in forward + backward + anywhere:
-        assert shown(source, frame) == frame
+    return VideoFile(clip)
 
 
-def test_a_seek_that_arrives_elsewhere_is_noticed(clip, monkeypatch):
-    monkeypatch.setattr(video_module, "_CACHE_BYTES", 0)
-    monkeypatch.setattr(video_module, "_CHECKPOINT_EVERY", 10)
-    source = VideoFile(clip)
+def test_any_order_gives_the_frame_that_was_asked_for(source, rng):
     assert source.frames == range(FRAMES)
-    lying = {at: (time_ms, sum_ ^ 1) for at, (time_ms, sum_) in source._checkpoints.items()}
-    source._checkpoints = lying
+    frames = [*range(30), *range(80, 40, -1), *rng.integers(0, FRAMES, 60).tolist()]
+    assert [shown(source, frame) for frame in frames] == frames
+
+
+def test_a_seek_that_arrives_elsewhere_is_noticed(source):
+    assert source.frames
+    source._checkpoints = {at: (ms, one ^ 1) for at, (ms, one) in source._checkpoints.items()}
     assert [shown(source, frame) for frame in (70, 25, 60, 24)] == [70, 25, 60, 24]
 
 
