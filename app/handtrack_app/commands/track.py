@@ -111,9 +111,9 @@ def run(args: argparse.Namespace) -> int:
             say("note: --size-later has no effect: the size is fixed, not fitted.")
         recorder = None
         if args.rerun or args.rerun_save:
-            recorder = ResidualRecorder(run_, args.rerun, args.rerun_save, args.rerun_frame)
-            if recorder.url:
-                say(f"residuals are shown at {recorder.url}")
+            recorder = ResidualRecorder(
+                run_, args.rerun, args.rerun_save, args.rerun_frame, lambda url: say(f"residuals are shown at {url}")
+            )  # fmt: skip
         reports: list[SearchReport] = []
         control = Control(stop, on_search=None if args.explain is None else reports.append)
         control = control if recorder is None else recorder.watching(control)

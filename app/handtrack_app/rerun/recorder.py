@@ -64,8 +64,10 @@ class ResidualRecorder:
         live: bool = False,
         path: Path | None = None,
         closely: int | None = None,
+        tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Start. closely: a frame whose every iteration is recorded, if tracked as `watching` says.
+        """Start. closely: a frame whose every iteration is recorded, if tracked as `watching` says. tell: gets the address of the live
+        viewer's page once it is there.
 
         Raises HandtrackError when the file cannot be written.
         """
@@ -79,7 +81,7 @@ class ResidualRecorder:
         """why recording stopped, in words; empty while all is well"""
         self._waiting: SimpleQueue[_Entry | None] = SimpleQueue()
         """None: the end"""
-        self._live = live
+        self._live, self._tell = live, tell
         self._stream = RerunStream(path, live, cameras=run.session.rig.cameras)
         self._thread = threading.Thread(target=self._paint_all, name="residuals", daemon=True)
         self._thread.start()
@@ -133,6 +135,8 @@ class ResidualRecorder:
     def _paint_all(self) -> None:
         try:
             with self._stream:
+                if self._live:
+                    self._tell(self.url)
                 for entry in iter(self._waiting.get, None):
                     self._record(*entry)
                 self._record_watched()
@@ -315,8 +319,8 @@ class LiveRecorder:
             return
         recorder = self._recorder
         if recorder is None:
-            self._recorder = recorder = ResidualRecorder(run, live=True)
-            self._publish(RerunPage(recorder.url))
+            tell = lambda url: self._publish(RerunPage(url))  # noqa: E731
+            self._recorder = recorder = ResidualRecorder(run, live=True, tell=tell)
         recorder.show(result, run)
         if recorder.problem:
             self.is_on = False

@@ -1,6 +1,7 @@
 """What the recorder writes for rerun, read back."""
 
 import threading
+import urllib.request
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -78,6 +79,19 @@ def test_frames_and_the_iterations_of_one(run, results, tmp_path):
         residual = picture(path, f"{entity}/residual")
         assert residual.shape == (*silhouette.mask.shape, 3)
         assert np.median(residual) > 250  # white where nothing is left
+
+
+def test_a_live_viewer_and_a_file_at_once(run, results, tmp_path):
+    path, told = tmp_path / "run.rrd", []
+    recorder = ResidualRecorder(run, True, path, tell=told.append)
+    recorder.show(results[0])
+    eventually(lambda: told)  # and it answers
+    page = urllib.request.urlopen(told[0].partition("?")[0], timeout=60).read()
+    assert b"<html" in page[:500].lower()
+    recorder.close()
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(told[0].partition("?")[0], timeout=60)
+    assert scalars(path, "/energy/total") == {0: results[0].energy}
 
 
 def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run):

@@ -5,15 +5,11 @@ import json
 import re
 import subprocess
 import sys
-import urllib.request
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from handtrack import Status
 from handtrack_app.rerun.stream import (
-    RerunStream,
     RerunViewer,
     silent_environment,
 )
@@ -42,28 +38,6 @@ def picture(path, entity):
         blob = batch.column("EncodedImage:blob")[0].as_py()[0]
         return np.asarray(Image.open(io.BytesIO(bytes(blob))))
     raise LookupError(entity)
-
-
-def result(frame, note="", **energies):
-    """Return what the stream reads of a FrameResult."""
-    return SimpleNamespace(
-        frame=frame, time_s=frame / 25, energy=10.0 + frame, iterations=3 + frame, status=Status.TRACKED, energies=energies,
-        note=note, reason=None, p_off_25mm=float("nan"),
-    )  # fmt: skip
-
-
-def test_a_live_viewer_and_a_file_at_once(tmp_path):
-    path = tmp_path / "run.rrd"
-    stream = RerunStream(path, live=True)
-    with stream:
-        stream.log(result(3), {})
-        assert stream.url.startswith("http://127.0.0.1:")
-        page = urllib.request.urlopen(stream.url.partition("?")[0], timeout=60).read()
-        assert b"<html" in page[:500].lower()
-    stream.stop_viewer()
-    with pytest.raises(OSError, match="refused"):
-        urllib.request.urlopen(stream.url.partition("?")[0], timeout=60)
-    assert scalars(path, "/energy/total") == {3: 13.0}
 
 
 @pytest.fixture
