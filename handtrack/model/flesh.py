@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, E, Floats, H, Ints, W, array_dataclass, contiguous
+from handtrack.arrays import D2, D3, Array, E, Floats, H, Ints, J, W, array_dataclass, contiguous
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.kinematics import BonePoses
@@ -67,6 +67,16 @@ class Ellipsoids:
         """Return only the ellipsoids for which `keep` is True."""
         kept = np.flatnonzero(keep)
         return Ellipsoids(self.bone[kept], self.centre[kept], self.rotation[kept], self.radii[kept])
+
+    def hide(self, points: Floats[J, D3], eye: Floats[D3], near_m: float) -> Array[J]:
+        """Return which points posed ellipsoids hide from an eye; what lies that near before a point is its own."""
+        to_ball = np.swapaxes(self.rotation, 1, 2) / self.radii[:, :, None]
+        begin = np.einsum("eij,ej->ei", to_ball, eye - self.centre)[:, None]
+        along = np.einsum("eij,kj->eki", to_ball, points - eye)
+        share = -(begin * along).sum(axis=2) / (along**2).sum(axis=2)
+        last = 1.0 - near_m / np.linalg.norm(points - eye, axis=1)
+        nearest = begin + np.clip(share, 0.0, last)[:, :, None] * along
+        return ((nearest**2).sum(axis=2) < 1.0).any(axis=0)
 
 
 def field_image(
