@@ -164,11 +164,11 @@ _LANDMARKS = _option(
     help="points: joints (the model's joint centres), or a detector's definition such as mediapipe21 (default: joints; for `evaluate`, that of the truth)",
 )  # fmt: skip
 _CAMERAS = _option(
-    "--camera", action="append", default=[], metavar="NAME", help="only this camera; may be repeated (default: all with images)"
+    "--camera", action="append", default=[], metavar="NAME", help="this camera only; repeat for several (default: all cameras with images)"
 )  # fmt: skip
 _FRAMES = _option("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
 _SET = _option(
-    "--set", action="append", default=[], metavar="section.key=value", help="a setting; may be repeated"
+    "--set", action="append", default=[], metavar="section.key=value", help="override a setting for this run only; repeat for several"
 )  # fmt: skip
 _INIT = _option(
     "--init", metavar="FILE|auto",
@@ -191,7 +191,7 @@ _BOARD = _option(
 _SERVER = (
     _option("--host", default="127.0.0.1", help="address to listen on (default: this machine only)"),
     _option("--port", type=int, help="port (default: 8080, or the next free one)"),
-    _option("--no-browser", action="store_true", help="do not open a browser window"),
+    _option("--no-browser", action="store_true", help="start the workbench without opening a browser; its address is printed"),
     _option("--rerun", action="store_true", help="also stream residuals to rerun's viewer"),
     _option("--memory", type=float, metavar="GB",
             help="most that decoding and tracking may use (default: 3/4 of this machine's)"),
@@ -415,7 +415,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand if joints locate it; suspect cameras are orange"),
     )),
     "completion": _Command("completion:print_script", "Print the script by which a shell completes commands, options and files.", (
-        _option("shell", choices=("bash", "zsh"), help='for bash: eval "$(handtrack completion bash)" in ~/.bashrc; for zsh: save it as _handtrack in $fpath'),
+        _option("shell", choices=("bash", "zsh"), help='print the completion script of this shell. bash: add eval "$(handtrack completion bash)" to ~/.bashrc; zsh: write it to a file _handtrack in a folder of $fpath'),
     ), False),
     "bench": _Command("checks:run_benchmarks", "Run the benchmarks: each figure beside its reference, in one run.", (
         _option("name", nargs="?", help="one benchmark (default: all quick ones)"),

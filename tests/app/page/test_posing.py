@@ -168,7 +168,7 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(be
     eventually(lambda: bench.layout.pose.pins.pins == bench.stage.pose.pins)
     (pin,) = bench.stage.pose.pins
     assert (pin.camera, pin.words) == ("front", "index tip")
-    page.press("Drop the last pin")
+    page.press("Remove the last pin")
     eventually(lambda: not bench.stage.pose.pins)
     page.press("Orbit view")
     eventually(lambda: page.number not in grips._grips, "free views turn by a drag")

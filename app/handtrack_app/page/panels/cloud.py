@@ -111,7 +111,7 @@ class CloudPanel:
                 self._add(*STEREO)
                 self.take_pair = page.button(
                     "Clouds from this pair", lambda: self.set(stereo=(self.pair,)), "arrow-merge",
-                    "Uses this pair for the session's clouds.", visible=False,
+                    "Computes the session's clouds from these two cameras, in place of any pair before.", visible=False,
                 )  # fmt: skip
         self.saved = SavedSettings(
             page, page.engine.save_clouds, page.engine.restore_clouds, "Back to session.toml",

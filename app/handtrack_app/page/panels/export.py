@@ -32,11 +32,11 @@ class ExportPanel:
                 "Up axis",
                 (_AS_RECORDED, *AXES),
                 initial_value=_AS_RECORDED,
-                hint="The calibration's axis that points up. Formats with an up axis are rotated to it.",
+                hint="The axis of the calibration's world that points up. Where a file format has an up axis of its own, the motion is rotated to stand upright.",
             )
             page.button(
                 "First-frame pose (JSON)", lambda client: page.engine.export("init", client.client_id), "download",
-                "The pose you see, as init.json.", by_page=True,
+                "Downloads the pose you see as init.json. The session stays as it is.", by_page=True,
             )  # fmt: skip
             for group in dict.fromkeys(known.group for known in FORMATS):
                 with gui.add_folder(group, expand_by_default=group == FORMATS[0].group):

@@ -260,7 +260,7 @@ class CorrectingWidgets:
             self.radius = gui.add_slider("Radius px", *_RADIUS, 10, hint="Keys [ and ].")
             self.paint = page.button(
                 "Paint over the mask", self._begin, "brush",
-                "Opens the camera view without the model; drag or click over the image. Undo removes a stroke.", by_page=True,
+                "Opens the camera view without the model. Drag or click to paint with the brush above. Undo removes a stroke.", by_page=True,
             )  # fmt: skip
             self.done = page.button(
                 "Done painting", self._end, "check", color=None, visible=False, by_page=True

@@ -99,11 +99,11 @@ class PosePanel:
             )  # fmt: skip
             page.button(
                 "Fit frame", self._fit, "focus-2",
-                "Solves this frame from the pose you see. Undo brings your pose back.",
+                "Fits the model to this frame, starting from the pose you see. Undo returns to that pose.",
             )  # fmt: skip
             page.button(
                 "Save as first-frame pose", page.engine.save_pose, "device-floppy",
-                "Writes init.json into the session: tracking starts from this pose.",
+                "Writes the pose you see to the session's init.json. Tracking will start from it, at this frame.",
             )  # fmt: skip
             self.guesses = GuessesPanel(page, session)
             self.pins = PinPanel(page, self.grips, session)
@@ -560,14 +560,14 @@ class PinPanel:
             )  # fmt: skip
             self.list = gui.add_html(_NO_PINS)
             self.drop = page.button(
-                "Drop the last pin", self._drop_last, "pin",
-                "Removes the last pin. Ctrl-Z undoes the last drag.", visible=False,
+                "Remove the last pin", self._drop_last, "pin",
+                "Removes the pin that was placed last. Ctrl-Z undoes the last drag instead.", visible=False,
             )  # fmt: skip
             self.drop_all = page.button(
                 "Drop all pins of this frame", lambda: self._drop(None), "pinned-off",
                 "The tracked pose shows again.", visible=False,
             )  # fmt: skip
-        page.key("Drop the last pin", "Backspace", self._drop_last)
+        page.key("Remove the last pin", "Backspace", self._drop_last)
         fit_or_keep = "Pins: fit other joints to the images, or keep them"
         page.key(fit_or_keep, "shift+X", self._switch)
 

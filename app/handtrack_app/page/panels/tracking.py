@@ -79,7 +79,7 @@ class TrackingPanel:
             )  # fmt: skip
             self.between = page.button(
                 "Track between", lambda: self.start("between"), "arrows-join",
-                "Tracks between the nearest keyframes or accepted frames on both sides: half from each, then jointly optimised if that is set.", visible=False,
+                "Tracks again from the nearest keyframe or accepted frame before this one to the nearest after it: the first half forwards, the second backwards.", visible=False,
             )  # fmt: skip
             page.button(
                 "Save track", page.engine.save_track, "device-floppy", "Writes tracks/poses.npz into the session.",
@@ -87,7 +87,7 @@ class TrackingPanel:
             )  # fmt: skip
             self.residuals = page.button(
                 "Open in rerun", page.engine.open_rerun, "chart-dots",
-                "Shows the residuals of every camera in rerun's viewer, of tracked frames and of new ones.",
+                "Opens rerun's viewer with every camera's residuals: of all tracked frames, and of each frame that is tracked from now on.",
             )  # fmt: skip
             self.rerun = page.gui.add_markdown("", visible=False)
         self.show(self.progress)
