@@ -15,8 +15,8 @@ from functools import partial
 import viser
 
 from handtrack.session.bundled import working_folder
-from handtrack_app.door.access import Door, open_door, show_in_browser
-from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is_loopback
+from handtrack_app.access.address import FIRST_PORT, choose_port, host_warning, is_loopback
+from handtrack_app.access.web_server import WebServer, show_in_browser, start_web_server
 from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.layout import PageLayout
 from handtrack_app.page.page import Page, UserState
@@ -77,20 +77,20 @@ class Workbench:
         self._token = token
         self.left = threading.Event()
         """somebody wants another recording"""
-        self.door: Door
+        self.web: WebServer
         self.server: viser.ViserServer
 
     @property
     def url(self) -> str:
         """The address of the page, with the token that lets in."""
-        return self.door.url
+        return self.web.url
 
     # ---- life
 
     def start(self) -> Workbench:
         """Serve the page and begin to open the session."""
-        self.door = open_door(self.host, self.wanted_port, token=self._token)
-        self.server = self.door.server
+        self.web = start_web_server(self.host, self.wanted_port, token=self._token)
+        self.server = self.web.server
         self.page = Page(
             self.server,
             self.state,
@@ -98,9 +98,9 @@ class Workbench:
             self.redraw,
             self.go_to,
             self.left.set,
-            self.door.messages.sent_value,
+            self.web.messages.sent_value,
         )
-        self.door.messages.own = self.page.own_widgets
+        self.web.messages.own = self.page.own_widgets
         self.layout = PageLayout(self.page, self.worker.start_again)
         self.in_flight = InFlight(self.page, self._snapshots.put)
         self.server.on_client_disconnect(lambda _: self.in_flight.clear())
@@ -119,7 +119,7 @@ class Workbench:
         self.worker.stop(self._ends_within_s)
         self._snapshots.close()
         self._thread.join(5.0)
-        self.door.close()
+        self.web.close()
 
     def wait_ready(self, timeout: float = 120.0) -> bool:
         """Return whether the session can be worked in and all of the page shows it, waiting for that."""
@@ -280,8 +280,8 @@ def run_workbench(
     open_browser: bool,
     demo: bool,
     token: str | None,
-) -> Door | None:
-    """Serve the workbench until Ctrl-C, or until somebody wants another recording: then return its door, closed. Raises HandtrackError for a host or port that cannot be used.
+) -> WebServer | None:
+    """Serve the workbench until Ctrl-C, or until somebody wants another recording: then return its web server, closed. Raises HandtrackError for a host or port that cannot be used.
 
     plan: a bundled session is opened as the user's own copy. child: the engine's process, if that is started already. port: the one asked for;
     the usual one gives way to the next free one. demo: play once it is open. token: of the page before, which comes again.
@@ -299,19 +299,19 @@ def run_workbench(
             raise failure
         print(f"handtrack: {bench.folder.name} is open at {bench.url} (Ctrl-C ends)", flush=True)
         if not is_loopback(host):
-            print(f"From other machines: {bench.door.url_by(socket.gethostname())}", flush=True)
+            print(f"From other machines: {bench.web.url_by(socket.gethostname())}", flush=True)
         if live is not None and live.record is not None:
             bench.engine.record(True, str(live.record))
         if own.folder != plan.folder or demo:
             print(f"This is your own copy; poses and tracks go to {own.folder}", flush=True)
         if open_browser and token is None:
-            show_in_browser(bench.door)
+            show_in_browser(bench.web)
         failure = bench.worker.wait_opened(None)
         if failure is not None:
             raise failure
         while not bench.left.wait(0.5):
             pass  # waiting without end lost the first Ctrl-C in some runs (Python 3.11 on Linux)
-        return bench.door
+        return bench.web
     except KeyboardInterrupt:
         return None
     finally:

@@ -7,13 +7,13 @@ import pytest
 
 from handtrack import Session, bundled_session
 from handtrack.session.bundled import bundled_names
-from handtrack_app.door.access import LARGEST_FILE
+from handtrack_app.access.web_server import LARGEST_FILE
 from handtrack_app.start.found_files import find_files
 from handtrack_app.start.import_progress import ImportProgress
 from handtrack_app.start.recent import recent_sessions, remember
 from handtrack_app.start.start_page import StartPage
+from tests.app.access.test_messages import begins, part
 from tests.app.commands.test_new_joints import project
-from tests.app.door.test_messages import begins, part
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.capture.sample_files import rig_of_two, sample
@@ -84,7 +84,7 @@ def test_recordings_are_remembered_as_long_as_they_are_there(monkeypatch, tmp_pa
 
 
 def test_a_recording_is_made_in_the_browser(start, folder, tmp_path):
-    with WireClient(start.door.url) as client:
+    with WireClient(start.web.url) as client:
         client.set_value(start.folder, str(tmp_path / "away"))
         eventually(lambda: "no such folder" in start.output.content)
         client.set_value(start.folder, str(tmp_path))
@@ -106,7 +106,7 @@ def test_a_recording_is_made_in_the_browser(start, folder, tmp_path):
 
 
 def test_recordings_are_cards_with_pictures_and_an_example_opens(start):
-    with WireClient(start.door.url) as client:
+    with WireClient(start.web.url) as client:
         said = lambda: str(list(client.messages))  # noqa: E731
         eventually(lambda: said().count("class='handtrack-card'") >= len(bundled_names()))
         eventually(lambda: "image/jpeg" in said())
@@ -136,8 +136,8 @@ def test_a_calibration_is_uploaded(start, folder, tmp_path):
     (folder / "a calibration.toml").rename(tmp_path / "my calibration.toml")
     files = sample("calibration/opencv_a_file_a_camera", tmp_path)
     start.folder.value = str(folder)
-    with WireClient(start.door.url) as client:
-        eventually(start.door.server.get_clients)
+    with WireClient(start.web.url) as client:
+        eventually(start.web.server.get_clients)
         upload(client, start, tmp_path / "my calibration.toml")
         eventually(lambda: start.make.visible)
         assert start.found.content.count("ready") == 3
@@ -182,7 +182,7 @@ def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatc
     start.look()
     start.make_session()
     assert start.open_done.visible and start.opening.visible and not start.cancel.visible
-    with WireClient(start.door.url) as client:
+    with WireClient(start.web.url) as client:
         client.press("Open what is done")
         eventually(lambda: start.chosen == folder.parent / "my take_handtrack")
 
@@ -191,7 +191,7 @@ def test_a_pose2sim_project_is_known(start, asked, tmp_path, monkeypatch):
     """It has no videos here: joints alone will do."""
     trial = project(tmp_path / "p")
     monkeypatch.setattr("handtrack_app.start.start_page.has_weights", lambda: False)
-    with WireClient(start.door.url) as client:
+    with WireClient(start.web.url) as client:
         client.set_value(start.folder, str(trial))
         eventually(lambda: start.make.visible)
     assert "Pose2Sim" in start.found.content

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session, demo_session
 from handtrack.session.layout import SESSION_FILE
+from handtrack_app.access.address import FIRST_PORT, choose_port
 from handtrack_app.commands.terminal.output import check_new, say
-from handtrack_app.door.address import FIRST_PORT, choose_port
 from handtrack_app.log import ENGINE_LOG
 from handtrack_app.process.child import (
     EngineChild,
@@ -22,7 +22,7 @@ from handtrack_app.process.child import (
 from handtrack_app.start.recent import remember
 
 if TYPE_CHECKING:
-    from handtrack_app.door.access import Door
+    from handtrack_app.access.web_server import WebServer
 
 
 def run(args: argparse.Namespace) -> int:
@@ -39,29 +39,29 @@ def run(args: argparse.Namespace) -> int:
     if args.port is not None:
         choose_port(args.host, args.port)  # says what is wrong with it before anything starts
     use_one_arena()
-    door = _serve(args, folder, demo, live)
-    return 0 if door is None else _start(args, door)
+    web = _serve(args, folder, demo, live)
+    return 0 if web is None else _start(args, web)
 
 
-def _start(args: argparse.Namespace, door: Door | None = None) -> int:
-    """Serve start page and workbench in turns until Ctrl-C. door: of the page before; the browser's page goes on there."""
+def _start(args: argparse.Namespace, web: WebServer | None = None) -> int:
+    """Serve start page and workbench in turns until Ctrl-C. web: of the page before; the browser's page goes on there."""
     from handtrack_app.start.start_page import choose_recording
 
     port = FIRST_PORT if args.port is None else args.port
     use_one_arena()
     told = ""
     while True:
-        port, token = (port, None) if door is None else (door.port, door.token)
+        port, token = (port, None) if web is None else (web.port, web.token)
         chosen = choose_recording(args.host, port, not args.no_browser, token, told)
         if chosen is None:
             return 0
-        folder, door = chosen
+        folder, web = chosen
         try:
-            door = _serve(args, folder, door=door)
+            web = _serve(args, folder, web=web)
             told = ""
         except HandtrackError as error:  # the page says so, and another may be chosen
             told = str(error)
-        if door is None:
+        if web is None:
             return 0
 
 
@@ -70,9 +70,9 @@ def _serve(
     folder: Path,
     demo: bool = False,
     live: LiveOptions | None = None,
-    door: Door | None = None,
-) -> Door | None:
-    """Serve the workbench; return its door where somebody wants another recording. door: of the page before."""
+    web: WebServer | None = None,
+) -> WebServer | None:
+    """Serve the workbench; return its web server where somebody wants another recording. web: of the page before."""
     memory = memory_limit(args.memory)
     say("handtrack: starting the workbench …")
     if not demo:
@@ -81,7 +81,7 @@ def _serve(
     take_over = not demo and getattr(args, "take_over", False)
     plan = EnginePlan(folder, live, args.rerun, take_over, memory=memory)
     port = FIRST_PORT if args.port is None else args.port
-    port, token = (port, None) if door is None else (door.port, door.token)
+    port, token = (port, None) if web is None else (web.port, web.token)
     try:
         from handtrack_app.workbench import run_workbench
 

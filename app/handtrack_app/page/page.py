@@ -416,7 +416,7 @@ class Page:
         return self.bind(widget, act)
 
     def bind(self, widget: Widget, act: Callable[..., object]) -> Widget:
-        """Have a user's use of a widget call `act` with what was chosen: of its kind and within its limits, as the door lets nothing else
+        """Have a user's use of a widget call `act` with what was chosen: of its kind and within its limits, as access control lets nothing else
         pass; a pair in order.
         """
 

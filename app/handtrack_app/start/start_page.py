@@ -23,8 +23,13 @@ from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_names, bundled_session
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.session import Session
-from handtrack_app.door.access import LARGEST_FILE, Door, open_door, show_in_browser
-from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
+from handtrack_app.access.address import FIRST_PORT, choose_port, host_warning
+from handtrack_app.access.web_server import (
+    LARGEST_FILE,
+    WebServer,
+    show_in_browser,
+    start_web_server,
+)
 from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.html import card, dress, escaped, picture, pictures, table, text
 from handtrack_app.page.page import put
@@ -66,7 +71,7 @@ class StartPage:
     """Serves the page until a recording is chosen."""
 
     def __init__(self, host: str, port: int, token: str | None = None, told: str = "") -> None:
-        self.door = open_door(host, port, token=token)
+        self.web = start_web_server(host, port, token=token)
         self.chosen: Path | None = None
         self._ended = threading.Event()
         self._drawing: list[threading.Thread] = []
@@ -80,10 +85,10 @@ class StartPage:
         """calibrations that were uploaded"""
         self._out = Path()
         """the session that an import made which ended early"""
-        gui = self.door.server.gui
+        gui = self.web.server.gui
         colours(gui)
-        dress(self.door.server)
-        self.door.server.on_client_connect(_welcome)
+        dress(self.web.server)
+        self.web.server.on_client_connect(_welcome)
         self.output = gui.add_html("")
         self.bar = gui.add_progress_bar(0.0, visible=False)
         self.pictures = gui.add_html("", visible=False)
@@ -119,7 +124,7 @@ class StartPage:
         self._ended.set()
         for thread in self._drawing:
             thread.join()
-        self.door.close()
+        self.web.close()
         self._uploads.cleanup()
 
     def open(self, folder: Path) -> None:
@@ -261,7 +266,7 @@ class StartPage:
             self._tried(partial(self.take_calibration, name, content))
             return
         self._say(f"{name} is too large.", f"At most {LARGEST_FILE // 1024} kB can be uploaded. Give the path of the file instead.")  # fmt: skip
-        if (client := self.door.server.get_clients().get(number)) is not None:
+        if (client := self.web.server.get_clients().get(number)) is not None:
             run_javascript(client, "location.reload()")  # it waits for the file to be taken
 
     def make_session(self) -> None:
@@ -317,7 +322,7 @@ class StartPage:
             "Upload calibration", icon=viser.Icon.UPLOAD, color="gray", mime_type=",".join(CALIBRATIONS),
             hint=f"From the computer that shows this page, at most {LARGEST_FILE // 1024} kB; several files, one per camera, one after the other.",
         )  # fmt: skip
-        self.door.messages.files[id_of(self.upload)] = self._uploaded
+        self.web.messages.files[id_of(self.upload)] = self._uploaded
         self.track = gui.add_checkbox(
             "Track after import",
             False,
@@ -422,7 +427,7 @@ class StartPage:
 
     def _button(self, label: str, act: Callable[[], None], **drawn: Any) -> viser.GuiButtonHandle:
         """Add a button that calls `act`. drawn: as `add_button` has it."""
-        button = self.door.server.gui.add_button(label, **{"color": "gray", **drawn})
+        button = self.web.server.gui.add_button(label, **{"color": "gray", **drawn})
         button.on_click(lambda _: self._tried(act))
         return button
 
@@ -477,8 +482,8 @@ def _cameras(found: FoundFiles) -> str:
 @logging_to(LOG_FILE)
 def choose_recording(
     host: str, port: int, open_browser: bool, token: str | None = None, told: str = ""
-) -> tuple[Path, Door] | None:
-    """Serve the start page; return the folder that was chosen, and the page's door, closed. None after Ctrl-C.
+) -> tuple[Path, WebServer] | None:
+    """Serve the start page; return the folder that was chosen, and the page's web server, closed. None after Ctrl-C.
 
     token: of the page before, which comes again by itself; told: why it does. Raises HandtrackError for a host or port that cannot be used.
     """
@@ -489,11 +494,11 @@ def choose_recording(
     page = StartPage(host, chosen, token, told)
     try:
         if token is None:
-            print(f"handtrack: choose a recording at {page.door.url} (Ctrl-C ends)", flush=True)
+            print(f"handtrack: choose a recording at {page.web.url} (Ctrl-C ends)", flush=True)
             if open_browser:
-                show_in_browser(page.door)
+                show_in_browser(page.web)
         folder = page.wait()
-        return None if folder is None else (folder, page.door)
+        return None if folder is None else (folder, page.web)
     except KeyboardInterrupt:
         return None
     finally:

@@ -115,7 +115,7 @@ def test_c42_two_pages_edit_and_the_last_edit_stands(bench, pages):
         first.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: np.allclose(places(), before, atol=1e-4))  # undone, whoever did it
     eventually(lambda: abs(slider.value - value) < 0.06)
-    assert bench.door.messages.refused == 0
+    assert bench.web.messages.refused == 0
 
 
 def test_each_page_looks_through_a_camera_of_its_own(bench):
@@ -141,7 +141,7 @@ def test_each_page_looks_through_a_camera_of_its_own(bench):
     eventually(
         lambda: bench.stage.looking.pictures(None) == ()
     )  # of pages that went none is painted
-    assert bench.door.messages.refused == 0
+    assert bench.web.messages.refused == 0
 
 
 def _shown(client, node):

@@ -43,7 +43,7 @@ from websockets.server import ServerProtocol
 from handtrack.errors import HandtrackError
 from handtrack.files.user_folder import user_data_folder
 from handtrack_app import viser_internals as internals
-from handtrack_app.door.address import LOOPBACK, own_names
+from handtrack_app.access.address import LOOPBACK, own_names
 
 log = logging.getLogger(__name__)
 
@@ -533,7 +533,7 @@ class _Connection(ServerConnection):
 
 
 @dataclass(frozen=True)
-class Door:
+class WebServer:
     """A started viser server behind access control, and its address."""
 
     server: viser.ViserServer
@@ -565,7 +565,7 @@ class Door:
         return f"http://{name}:{self.server.get_port()}/?token={self.token}"
 
 
-def open_door(host: str = LOOPBACK, port: int = 0, token: str | None = None) -> Door:
+def start_web_server(host: str = LOOPBACK, port: int = 0, token: str | None = None) -> WebServer:
     """Start a viser server behind access control; it opens no tunnels.
 
     Parameters
@@ -592,7 +592,7 @@ def open_door(host: str = LOOPBACK, port: int = 0, token: str | None = None) -> 
             f"port {port} of {host} was taken while the workbench started; try again, or name another "
             "with --port."
         )
-    return Door(server, host, messages, handshake)
+    return WebServer(server, host, messages, handshake)
 
 
 @contextlib.contextmanager
@@ -633,15 +633,15 @@ def _of_our_version(handler: _Handler) -> _Handler:
     return handle
 
 
-def show_in_browser(door: Door) -> None:
+def show_in_browser(web: WebServer) -> None:
     """Open the page in the user's browser, without its token on a command line, which every user of a machine can read.
 
     The browser opens a file that only the user can read and that leads to the page; it is removed when the page has come.
     """
-    path = user_data_folder() / f"open-{door.port}.html"
+    path = user_data_folder() / f"open-{web.port}.html"
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     path.unlink(missing_ok=True)
-    address = html.escape(door.url)
+    address = html.escape(web.url)
     with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         file.write(
             f'<!doctype html><title>handtrack</title><meta http-equiv="refresh" content="0; url={address}">'
@@ -652,5 +652,5 @@ def show_in_browser(door: Door) -> None:
         with suppress(OSError):
             path.unlink(missing_ok=True)
 
-    door.handshake.hide_address = remove
+    web.handshake.hide_address = remove
     webbrowser.open(path.resolve().as_uri())

@@ -1,4 +1,4 @@
-"""What passes the gate: through a real socket to viser, and the rules alone; and a hostile client that knows the token against a whole
+"""What passes the message filter: through a real socket to viser, and the rules alone; and a hostile client that knows the token against a whole
 workbench: what `handtrack bench hostile` does for five minutes, in seconds."""
 
 import contextlib
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from handtrack_app.door.access import (
+from handtrack_app.access.web_server import (
     BURST,
     LARGEST_FILE,
     LARGEST_MESSAGE,
@@ -45,7 +45,7 @@ MOVE = {
 
 
 def examined(small, message):
-    kind, packed = small.door.messages.check(msgspec.msgpack.encode(message))
+    kind, packed = small.web.messages.check(msgspec.msgpack.encode(message))
     return kind, msgspec.msgpack.decode(packed)
 
 
@@ -151,7 +151,7 @@ def test_a11_c49_other_messages_are_refused(small, message):
 @pytest.mark.parametrize("raw", [b"", b"\xc1", b"\x91" * 60_000, "text", b"\xdd\xff\xff\xff\xff"])
 def test_a11_what_is_no_message_is_refused(small, raw):
     with pytest.raises(Rejected):
-        small.door.messages.check(raw)
+        small.web.messages.check(raw)
 
 
 def test_a_widget_that_is_switched_off_stays(small):
@@ -194,11 +194,11 @@ def test_a_burst_passes_at_once_then_the_newest_of_each_kind_at_a_steady_rate():
 
 
 def test_a_small_file_reaches_an_upload_button_and_nothing_else_does(small):
-    button = small.door.server.gui.add_upload_button("File")
-    small.door.messages.files[button._impl.uuid] = lambda *file: small.heard.append(file[1:])
+    button = small.web.server.gui.add_upload_button("File")
+    small.web.messages.files[button._impl.uuid] = lambda *file: small.heard.append(file[1:])
     whole = bytes(range(256)) * (LARGEST_FILE // 256)
     with WireClient(small.url) as client:
-        eventually(small.door.server.get_clients)
+        eventually(small.web.server.get_clients)
         for odd in (
             begins(button, -1), begins(button, LARGEST_FILE, 2), begins(button, 3, 0), part(button, b"x"),
             begins(button, 3), part(button, b"four"), begins(button, 3), part(button, "abc"),
@@ -216,7 +216,7 @@ def test_a_small_file_reaches_an_upload_button_and_nothing_else_does(small):
         client.set_value(small.slider, 4.0)
         eventually(lambda: 4.0 in small.heard, "the same client goes on")
     assert small.heard == [("x", whole), ("x", None), 4.0]
-    assert small.door.messages.refused == 10 and len(small.door.messages._begun) < 10
+    assert small.web.messages.refused == 10 and len(small.web.messages._begun) < 10
 
 
 def begins(widget, size=10**12, parts=1, transfer="1", filename="x"):
@@ -244,7 +244,7 @@ def test_a11_a_large_message_ends_its_sender_only(small):
 
 def test_a11_pings_without_end_send_their_sender_away(small, monkeypatch):
     # however slow the machine, all that is sent comes at one moment
-    monkeypatch.setattr("handtrack_app.door.access.Flow", partial(Flow, Clock()))
+    monkeypatch.setattr("handtrack_app.access.web_server.Flow", partial(Flow, Clock()))
     ping = b"\x89\xfd" + bytes(4 + 125)
     with WireClient(small.url) as client:
         with contextlib.suppress(OSError):
@@ -266,20 +266,20 @@ def test_what_the_page_said_outlives_what_the_program_writes(small):
         client.set_value(small.slider, 3.0)
         eventually(lambda: small.slider.value == 3.0)
     small.slider.value = 9.0
-    assert small.door.messages.sent_value(small.slider) == 3.0
-    assert small.door.messages.sent_value(small.whole) == 1
+    assert small.web.messages.sent_value(small.slider) == 3.0
+    assert small.web.messages.sent_value(small.whole) == 1
 
 
 def test_a_node_of_one_page_alone_is_moved_by_that_page(small):
     with WireClient(small.url), WireClient(small.url):
-        eventually(lambda: len(small.door.server.get_clients()) == 2)
-        first, second = sorted(small.door.server.get_clients())
-        own = small.door.server.get_clients()[first]
+        eventually(lambda: len(small.web.server.get_clients()) == 2)
+        first, second = sorted(small.web.server.get_clients())
+        own = small.web.server.get_clients()[first]
         own.scene.add_image("/screen", np.zeros((4, 4, 3), np.uint8), 1.0, 1.0)
-        drag, gate = msgspec.msgpack.encode({**DRAG, "name": "/screen"}), small.door.messages
-        assert gate.check(drag, first)[0] == ("drag", "/screen")
+        drag, filter = msgspec.msgpack.encode({**DRAG, "name": "/screen"}), small.web.messages
+        assert filter.check(drag, first)[0] == ("drag", "/screen")
         with pytest.raises(Rejected):
-            gate.check(drag, second)
+            filter.check(drag, second)
 
 
 FEWER = {

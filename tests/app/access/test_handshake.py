@@ -13,33 +13,33 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from handtrack import HandtrackError
-from handtrack_app.door import access, address
-from handtrack_app.door.access import MOST_CLIENTS, open_door, show_in_browser
-from handtrack_app.door.address import choose_port, host_warning, is_loopback
+from handtrack_app.access import address, web_server
+from handtrack_app.access.address import choose_port, host_warning, is_loopback
+from handtrack_app.access.web_server import MOST_CLIENTS, show_in_browser, start_web_server
 from tests.app.waiting import eventually
 
 VISER = ["viser-v1.1.1"]
 
 
 @pytest.fixture(scope="module")
-def door():
-    running = open_door()
+def web():
+    running = start_web_server()
     yield running
     running.server.stop()
 
 
 @pytest.fixture(scope="module")
 def open_host():
-    running = open_door("0.0.0.0")
+    running = start_web_server("0.0.0.0")
     yield running
     running.server.stop()
 
 
-def asked(door, path=None, **headers):
+def asked(web, path=None, **headers):
     """The answer to one who has the cookie, where no path is given."""
-    connection = http.client.HTTPConnection("127.0.0.1", door.port, timeout=60)
+    connection = http.client.HTTPConnection("127.0.0.1", web.port, timeout=60)
     if path is None:
-        headers = {"Cookie": f"handtrack_{door.port}={door.token}"} | headers
+        headers = {"Cookie": f"handtrack_{web.port}={web.token}"} | headers
     connection.request("GET", path or "/", headers=headers)
     answer = connection.getresponse()
     answer.words = answer.read().decode()
@@ -47,22 +47,22 @@ def asked(door, path=None, **headers):
     return answer
 
 
-def socket_of(door, token=True, host="127.0.0.1", **options):
-    url = f"ws://{host}:{door.port}/" + (f"?token={door.token}" if token else "")
+def socket_of(web, token=True, host="127.0.0.1", **options):
+    url = f"ws://{host}:{web.port}/" + (f"?token={web.token}" if token else "")
     return connect(url, subprotocols=VISER, max_size=None, **options)
 
 
-def refused_status(door, **options):
+def refused_status(web, **options):
     with pytest.raises(InvalidStatus) as refused:
-        socket_of(door, **options)
+        socket_of(web, **options)
     return refused.value.response.status_code
 
 
-def test_the_page_is_served_on_loopback_alone(door):
-    assert door.server.get_host() == "127.0.0.1"
-    assert asked(door).status == 200
-    address = f"localhost:{door.port}"
-    assert asked(door, Host=address, Origin=f"http://{address}").status == 200
+def test_the_page_is_served_on_loopback_alone(web):
+    assert web.server.get_host() == "127.0.0.1"
+    assert asked(web).status == 200
+    address = f"localhost:{web.port}"
+    assert asked(web, Host=address, Origin=f"http://{address}").status == 200
 
 
 @pytest.mark.parametrize(
@@ -79,34 +79,34 @@ def test_the_page_is_served_on_loopback_alone(door):
         "*",
     ],
 )
-def test_a17_c47_without_the_token_no_page_is_served(door, path):
-    answer = asked(door, path)
+def test_a17_c47_without_the_token_no_page_is_served(web, path):
+    answer = asked(web, path)
     assert answer.status == 403
     assert "Set-Cookie" not in answer.headers
 
 
-def test_a17_c47_without_the_token_no_socket_is_opened(door):
-    assert refused_status(door, token=False) == 403
-    wrong = {"Cookie": f"handtrack_{door.port}=wrong"}
-    assert refused_status(door, token=False, additional_headers=wrong) == 403
+def test_a17_c47_without_the_token_no_socket_is_opened(web):
+    assert refused_status(web, token=False) == 403
+    wrong = {"Cookie": f"handtrack_{web.port}=wrong"}
+    assert refused_status(web, token=False, additional_headers=wrong) == 403
 
 
-def test_a17_the_page_gets_a_cookie_which_lets_its_socket_in(door):
-    port = door.port
-    answer = asked(door, f"/?token={door.token}&fixedDpr=1")
+def test_a17_the_page_gets_a_cookie_which_lets_its_socket_in(web):
+    port = web.port
+    answer = asked(web, f"/?token={web.token}&fixedDpr=1")
     assert (answer.status, answer.headers["Location"]) == (303, "/?fixedDpr=1")
     cookie = answer.headers["Set-Cookie"]
-    assert cookie == f"handtrack_{port}={door.token}; Path=/; HttpOnly; SameSite=Lax"
+    assert cookie == f"handtrack_{port}={web.token}; Path=/; HttpOnly; SameSite=Lax"
     kept = {"Cookie": f"other=1; {cookie.partition(';')[0]}"}
-    assert asked(door, "/", **kept).status == 200
+    assert asked(web, "/", **kept).status == 200
     origin = f"http://127.0.0.1:{port}"
-    with socket_of(door, token=False, additional_headers=kept, origin=origin) as page:
+    with socket_of(web, token=False, additional_headers=kept, origin=origin) as page:
         assert page.recv(timeout=60)
 
 
 @pytest.mark.parametrize("path", ["//evil.example/?token=", "/a/b?token="])
-def test_the_token_leads_to_this_page_and_no_other(door, path):
-    assert asked(door, path + door.token).headers["Location"] == "/"
+def test_the_token_leads_to_this_page_and_no_other(web, path):
+    assert asked(web, path + web.token).headers["Location"] == "/"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="/bin/sh and modes of files")
@@ -120,7 +120,7 @@ def test_the_token_is_on_no_command_line_and_its_file_goes_with_the_first_page(
     webbrowser.register(
         "ours", None, webbrowser.GenericBrowser([str(browser), "%s"]), preferred=True
     )
-    running = open_door()
+    running = start_web_server()
     show_in_browser(running)
     said = (tmp_path / "said").read_text()
     assert running.token not in said
@@ -134,11 +134,11 @@ def test_the_token_is_on_no_command_line_and_its_file_goes_with_the_first_page(
     assert not file.exists()
 
 
-def test_a17_each_start_has_a_token_of_its_own(door, open_host):
-    assert door.token != open_host.token
-    assert len(door.token) >= 32
-    assert door.token not in repr(open_host)
-    assert door.url == f"http://127.0.0.1:{door.port}/?token={door.token}"
+def test_a17_each_start_has_a_token_of_its_own(web, open_host):
+    assert web.token != open_host.token
+    assert len(web.token) >= 32
+    assert web.token not in repr(open_host)
+    assert web.url == f"http://127.0.0.1:{web.port}/?token={web.token}"
     assert open_host.url_by("lab-pc").startswith("http://lab-pc:")
     assert open_host.url.startswith("http://127.0.0.1:")
 
@@ -146,9 +146,9 @@ def test_a17_each_start_has_a_token_of_its_own(door, open_host):
 @pytest.mark.parametrize(
     "host", ["evil.example", "127.0.0.1.evil.example", "[bad", "", "localhost:x"]
 )
-def test_a_name_that_is_not_ours_is_refused(door, host):
+def test_a_name_that_is_not_ours_is_refused(web, host):
     """A site whose name was made to point to loopback."""
-    assert asked(door, Host=host).status == 403
+    assert asked(web, Host=host).status == 403
 
 
 @pytest.mark.parametrize("origin", [None, "http://evil.example"])
@@ -167,7 +167,7 @@ def test_a10_on_an_open_host_this_machine_is_known(open_host):
     assert asked(open_host, Host=f"192.0.2.7:{port}").status == 403
 
 
-def test_c46_a_page_of_another_site_cannot_connect(door):
+def test_c46_a_page_of_another_site_cannot_connect(web):
     for origin in (
         "http://evil.example",
         "null",
@@ -175,20 +175,20 @@ def test_c46_a_page_of_another_site_cannot_connect(door):
         "https://localhost.evil.example",
         "http://[",
     ):
-        assert refused_status(door, origin=origin) == 403
-    assert asked(door, Origin="http://[").status == 403
+        assert refused_status(web, origin=origin) == 403
+    assert asked(web, Origin="http://[").status == 403
 
 
-def test_a_header_that_stands_twice_is_refused(door):
-    port = door.port
+def test_a_header_that_stands_twice_is_refused(web):
+    port = web.port
     with socket.create_connection(("127.0.0.1", port)) as wire:
         hosts = f"Host: 127.0.0.1:{port}\r\n" * 2
-        wire.sendall(f"GET /?token={door.token} HTTP/1.1\r\n{hosts}\r\n".encode())
+        wire.sendall(f"GET /?token={web.token} HTTP/1.1\r\n{hosts}\r\n".encode())
         assert b" 400 " in wire.recv(100)
 
 
-def test_a16_no_site_can_frame_the_page(door):
-    for answer in (asked(door), asked(door, "/")):
+def test_a16_no_site_can_frame_the_page(web):
+    for answer in (asked(web), asked(web, "/")):
         assert answer.headers["X-Frame-Options"] == "DENY"
         policy = answer.headers["Content-Security-Policy"]
         assert "frame-ancestors 'none'" in policy
@@ -197,8 +197,8 @@ def test_a16_no_site_can_frame_the_page(door):
         assert answer.headers["X-Content-Type-Options"] == "nosniff"
 
 
-def test_no_client_can_open_a_tunnel(door):
-    assert door.server.request_share_url() is None
+def test_no_client_can_open_a_tunnel(web):
+    assert web.server.request_share_url() is None
 
 
 @pytest.mark.parametrize(
@@ -206,20 +206,20 @@ def test_no_client_can_open_a_tunnel(door):
     [((1e-9, 3.0), 3, 429), ((1.0, 2.0 * MOST_CLIENTS), MOST_CLIENTS, 503)],
 )
 def test_a11_the_number_of_clients_is_bounded(monkeypatch, allowed, most, status):
-    monkeypatch.setattr(access, "_NEW_CLIENTS", allowed)
-    door = open_door()
+    monkeypatch.setattr(web_server, "_NEW_CLIENTS", allowed)
+    web = start_web_server()
     with contextlib.ExitStack() as clients:
         for _ in range(most):
-            clients.enter_context(socket_of(door))
-        assert refused_status(door) == status
-    door.server.stop()
+            clients.enter_context(socket_of(web))
+        assert refused_status(web) == status
+    web.server.stop()
 
 
-def test_a11_half_open_connections_keep_nobody_out(door):
-    idle = [socket.create_connection(("127.0.0.1", door.port)) for _ in range(150)]
-    assert asked(door).status == 200
+def test_a11_half_open_connections_keep_nobody_out(web):
+    idle = [socket.create_connection(("127.0.0.1", web.port)) for _ in range(150)]
+    assert asked(web).status == 200
     gone = [wire for wire in idle if closed(wire)]
-    assert len(gone) >= len(idle) - access.MOST_CONNECTIONS
+    assert len(gone) >= len(idle) - web_server.MOST_CONNECTIONS
     for wire in idle:
         wire.close()
 
@@ -234,12 +234,12 @@ def closed(wire):
         return True
 
 
-def test_a_client_of_another_version_is_told_so_and_the_terminal_is_not(door, capfd):
-    url = f"ws://127.0.0.1:{door.port}/?token={door.token}"
+def test_a_client_of_another_version_is_told_so_and_the_terminal_is_not(web, capfd):
+    url = f"ws://127.0.0.1:{web.port}/?token={web.token}"
     with connect(url, subprotocols=["viser-v0.9"]) as old, pytest.raises(ConnectionClosed) as end:
         old.recv(timeout=60)
     assert end.value.rcvd.code == 1002
-    eventually(lambda: not door.server._websock_server._live_connections)
+    eventually(lambda: not web.server._websock_server._live_connections)
     assert capfd.readouterr().out == ""
 
 

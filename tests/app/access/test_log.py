@@ -69,7 +69,7 @@ def test_a11_a_flood_of_records_is_cut(log):
 def test_a_request_that_is_no_browsers_is_kept_there(log, small, capfd, monkeypatch):
     # once it has served a page, viser itself keeps such records from every log of the process
     monkeypatch.setattr(logging.getLogger("websockets.server"), "filters", [])
-    with socket.create_connection(("127.0.0.1", small.door.port)) as wire:
+    with socket.create_connection(("127.0.0.1", small.web.port)) as wire:
         wire.sendall(b"HEAD / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
         while wire.recv(4096):
             pass
