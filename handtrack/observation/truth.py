@@ -35,3 +35,11 @@ class Truth:
         if not (0 <= row < len(self.frame) and self.frame[row] == frame):
             row = next(iter(np.flatnonzero(self.frame == frame)), -1)
         return None if points is None or row < 0 else points[row]
+
+
+def mean_error_mm(found: Floats[K, D3] | None, true: Floats[K, D3] | None) -> float:
+    """Return the mean distance of points [mm]; NaN where there is nothing to compare."""
+    if found is None or true is None or found.shape != true.shape:
+        return float("nan")
+    away = np.linalg.norm(found - true, axis=1)
+    return float(np.nanmean(away) * 1e3) if np.isfinite(away).any() else float("nan")

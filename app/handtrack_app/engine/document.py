@@ -11,12 +11,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from handtrack.arrays import Floats, P, S, evenly_spread
+from handtrack.arrays import D3, D21, Floats, P, S, evenly_spread
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_library import pose_names
 from handtrack.observation.pins import Pin
+from handtrack.observation.truth import mean_error_mm
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
@@ -521,6 +523,19 @@ class Document:
         if frame in self._carried:
             return self._carried[frame]
         return self.start if frame == self.first_frame else self.shown
+
+    def truth_at(self, frame: int) -> Floats[D21, D3] | None:
+        """Return the true keypoints of a frame, or joints (J, 3) of a body, world [m]."""
+        truth = self.run.session.truth
+        return None if truth is None else truth.points_at(frame, self.model.joint_names)
+
+    def error_mm(self, frame: int, bones: BonePoses) -> float:
+        """Return the mean distance of a frame's posed model to the truth [mm]; NaN without."""
+        truth, model = self.truth_at(frame), self.model
+        if truth is None:
+            return float("nan")
+        found = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
+        return mean_error_mm(found, truth)
 
     def decided_pose(self, frame: int) -> DecidedPose:
         """Return what was decided of a frame's pose; an empty one where nothing was."""

@@ -21,7 +21,6 @@ from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document, source_of
 from handtrack_app.engine.inverse_kinematics import stem_bones
-from handtrack_app.engine.tracked_rows import error_mm, given_error_mm, truth_at
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     CLOUD,
@@ -175,8 +174,8 @@ def pose_snapshot(document: Document) -> PoseSnapshot:
         status=3 if by_hand else int(result.status) if result is not None else -1,
         energy=float("nan") if solved is None else float(solved.energy),
         std=None if solved is None else solved.parameter_std,
-        truth=truth_at(document, frame),
-        error_mm=error_mm(document, frame, bones),
+        truth=document.truth_at(frame),
+        error_mm=document.error_mm(frame, bones),
         note="" if solved is None else status_note(solved),
         joints=model.joint_positions(bones),
         pins=pin_cards(document, frame, bones) if is_now else (),
@@ -203,7 +202,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     lanes = {word: row.copy() for word, row in rows.lanes.items() if _is_told(document, word)}
     for frame in document.by_hand if document.run.session.truth is not None else ():
         error = lanes.setdefault(ERROR, np.full(len(rows.frames), np.nan))
-        error[frame - rows.frames.start] = given_error_mm(document, frame)
+        error[frame - rows.frames.start] = _given_error_mm(document, frame)
     hand = tuple(sorted(document.by_hand))
     found = tuple(frame for frame in hand if document.decided_pose(frame).found)
     return TimelineSnapshot(
@@ -224,11 +223,15 @@ def timeline_change(document: Document) -> TimelineChange:
     lanes = {word: values[row] for word, values in rows.lanes.items() if _is_told(document, word)}
     for n, frame in enumerate((row + start).tolist()):
         if frame in document.by_hand and ERROR in lanes:
-            lanes[ERROR][n] = given_error_mm(document, frame)
+            lanes[ERROR][n] = _given_error_mm(document, frame)
     return TimelineChange(document.frames, row, rows.status[row], lanes)
 
 
 # ---- facts of a frame
+
+
+def _given_error_mm(document: Document, frame: int) -> float:
+    return document.error_mm(frame, document.model.bones_within_limits(document.by_hand[frame]))
 
 
 def status_note(result: FrameResult) -> str:

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, F, Floats, Ints, K, S
+from handtrack.arrays import F, Floats, Ints, K, S
 from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg
 from handtrack.diagnostics.review import failure_probability
-from handtrack.model.kinematics import BonePoses
-from handtrack.session.formats.truth import mean_error_mm
+from handtrack.observation.truth import mean_error_mm
 from handtrack.store.current_track import CurrentTrack, Head
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.protocol.snapshots import COST, ERROR, MOVED, PROBABILITY, TERM, VIEWS
@@ -124,7 +123,7 @@ class TrackedRows:
         return bool(self._unread)
 
     def _read(self, document: Document, frame: int) -> None:
-        result, truth = document.results[frame], truth_at(document, frame)
+        result, truth = document.results[frame], document.truth_at(frame)
         row, values = frame - self.frames.start, result.parameters
         found = result.joint_positions if result.keypoints21 is None else result.keypoints21
         self._put(ERROR, row, mean_error_mm(found, truth))
@@ -168,23 +167,3 @@ def moved_mm(result: FrameResult, before: FrameResult | None) -> float:
         return float("nan")
     moves = np.linalg.norm(result.joint_positions - before.joint_positions, axis=1)
     return float(1e3 * moves.max())
-
-
-def given_error_mm(document: Document, frame: int) -> float:
-    """Return the error of the pose that was given at a frame [mm]."""
-    return error_mm(document, frame, document.model.bones_within_limits(document.by_hand[frame]))
-
-
-def error_mm(document: Document, frame: int, bones: BonePoses) -> float:
-    """Return the mean distance of a frame's posed model to the truth [mm]; NaN without."""
-    truth, model = truth_at(document, frame), document.model
-    if truth is None:
-        return float("nan")
-    found = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
-    return mean_error_mm(found, truth)
-
-
-def truth_at(document: Document, frame: int) -> Floats[D21, D3] | None:
-    """Return the true keypoints of a frame, or joints (J, 3) of a body, world [m]."""
-    truth = document.run.session.truth
-    return None if truth is None else truth.points_at(frame, document.model.joint_names)

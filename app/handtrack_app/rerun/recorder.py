@@ -20,7 +20,7 @@ from handtrack.diagnostics.residual_image import predicted_image, residual_image
 from handtrack.diagnostics.residual_points import dots, image_residuals, space_residuals
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
-from handtrack.session.formats.truth import mean_error_mm
+from handtrack.observation.truth import mean_error_mm
 from handtrack.session.run import TrackingRun
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm

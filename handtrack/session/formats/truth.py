@@ -6,20 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, K
 from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
 from handtrack.observation.truth import Truth
 from handtrack.session.formats.tables import check_shapes, of_kind, write_arrays
-
-
-def mean_error_mm(found: Floats[K, D3] | None, true: Floats[K, D3] | None) -> float:
-    """Return the mean distance of points [mm]; NaN where there is nothing to compare."""
-    if found is None or true is None or found.shape != true.shape:
-        return float("nan")
-    away = np.linalg.norm(found - true, axis=1)
-    return float(np.nanmean(away) * 1e3) if np.isfinite(away).any() else float("nan")
-
 
 _KNOWN: dict[str, tuple[type, tuple[str | int, ...]]] = {
     "keypoints21": (float, ("F", 21, 3)),

@@ -2,7 +2,8 @@
 
 python -m tests.experiments.workbench.edit_path
 
-The engine runs on threads of the page's process, so that all can be followed. In a process of its own, two threads more take part: the one
+What the engine does once it has told the pose, pictures and all else that goes with it, is not on the way: how much of it has begun by the
+time the hand moves is up to the machine's load. The engine runs on threads of the page's process, so that all can be followed. In a process of its own, two threads more take part: the one
 that reads calls there ("listen") and the one that reads snapshots here ("engine").
 """
 
@@ -21,6 +22,8 @@ from typing import Any
 import handtrack
 import handtrack_app
 from handtrack import bundled_session
+from handtrack_app.protocol.calls import Mailbox
+from handtrack_app.protocol.snapshots import PoseSnapshot
 from tests.app.desk import in_threads
 from tests.experiments.workbench.wire import WireClient
 
@@ -30,13 +33,19 @@ _TRACKED_FRAMES = 20
 
 
 class Trace:
-    """Product files that run while it is on, and threads in the order in which they run them."""
+    """Product files that run while it is on, in each thread until that has told a pose; and threads in the order in which they run them."""
 
     def __init__(self) -> None:
-        self.on = False
+        self.moved = threading.Event()
+        self.begin(False)
+
+    def begin(self, on: bool = True) -> None:
+        """Follow the next edit."""
         self.files: set[str] = set()
         self.threads: list[str] = []
-        self.moved = threading.Event()
+        self.told: set[str] = set()
+        self.moved.clear()
+        self.on = on
 
     def see(self, frame: FrameType, event: str, _: Any) -> None:
         if not self.on:
@@ -46,6 +55,10 @@ class Trace:
             return
         if event == "call":
             name = threading.current_thread().name
+            if name in self.told:
+                return
+            if code is Mailbox.put.__code__ and isinstance(frame.f_locals["item"], PoseSnapshot):
+                self.told.add(name)
             self.files.add(code.co_filename)
             if name not in self.threads:
                 self.threads.append(name)
@@ -68,9 +81,7 @@ def edit_path() -> dict[str, Any]:
                 time.sleep(3.0)
                 slider = bench.layout.pose.sliders["index_pip_flex"]
                 for value in (10.0, 20.0):  # the first one compiles
-                    trace.files, trace.threads = set(), []
-                    trace.moved.clear()
-                    trace.on = True
+                    trace.begin()
                     client.set_value(slider, value)
                     assert trace.moved.wait(120.0)
                     time.sleep(2.0)
