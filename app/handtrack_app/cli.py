@@ -9,7 +9,9 @@ import io
 import math
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import is_dataclass
+from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,9 +49,10 @@ def _run(args: argparse.Namespace) -> int:
 
     os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", CAPTURE_OPTIONS)
     try:
-        module, name = args.runs.split(":")
-        run = getattr(importlib.import_module(f"handtrack_app.commands.{module}"), name)
-        code = int(run(args) or EXIT_OK)
+        run, taker = function_of(args.command)
+        values = vars(args)
+        given = taker(**{n: values[n] for n in signature(taker).parameters if n in values})
+        code = given if taker is run else run(given)
         sys.stdout.flush()
     except HandtrackError as error:
         return _failed(args.command, str(error), EXIT_USAGE)
@@ -70,9 +73,15 @@ def _run(args: argparse.Namespace) -> int:
         return _failed(args.command, str(not_enough_memory("this", error)), EXIT_USAGE)
     except Exception as error:
         return _failed(args.command, _internal(error), EXIT_INTERNAL)
-    for words in getattr(args, "then", ()):  # commands that this one asks for
-        code = code or main(words)
     return code
+
+
+def function_of(command: str) -> tuple[Callable[..., int], Any]:
+    """Return a command's function, and what takes its options as keywords: that, or the dataclass of which it takes one."""
+    module, name = COMMANDS[command].runs.split(":")
+    run = getattr(importlib.import_module(f"handtrack_app.commands.{module}"), name)
+    first, *_ = signature(run, eval_str=True).parameters.values()
+    return run, first.annotation if is_dataclass(first.annotation) else run
 
 
 def _failed(command: str, text: str, code: int) -> int:
@@ -218,7 +227,7 @@ _OF_PERSON = (
             help="file to write (default: person.toml beside the session or result; with `size`, hand.json or body.json)"),
 )  # fmt: skip
 COMMANDS: dict[str, _Command] = {
-    "open": _Command("workbench:run", "Open the workbench in the browser, on a session folder or on the bundled one.", (
+    "open": _Command("workbench:open_session", "Open the workbench in the browser, on a session folder or on the bundled one.", (
         _option("session", nargs="?", type=Path, help="session folder; with --live, a folder with a calibration will do"),
         _option("--live", action="store_true", help="track running cameras, by the session's settings and calibration"),
         _by_camera("--camera", "NAME=DEVICE",
@@ -229,9 +238,9 @@ COMMANDS: dict[str, _Command] = {
                 help="with --live: largest time between the images of a frame [ms] (50)"),
         _TAKE_OVER, *_SERVER,
     ), False),
-    "start": _Command("workbench:run", "Choose a recording in the browser, or make one from videos, and open the workbench.",
+    "start": _Command("workbench:start", "Choose a recording in the browser, or make one from videos, and open the workbench.",
                       (_TAKE_OVER, *_SERVER), False),
-    "demo": _Command("workbench:run", "Open the workbench on a bundled recording that is tracked already.", _SERVER, False),
+    "demo": _Command("workbench:open_demo", "Open the workbench on a bundled recording that is tracked already.", _SERVER, False),
     "sample": _Command("new_session.new:save_sample", "Write a bundled sample recording to a folder.", (
         _option("name", metavar="NAME", help="two_videos (the tutorial's material) or another_hand or open_fist_open (sessions)"),
         _option("--to", type=Path, required=True, metavar="DIR", help="folder to make"),
@@ -465,10 +474,9 @@ def build_parser(
         dest="command", metavar="COMMAND", help="see below", required=True
     )
     for name in names:
-        runs, words, options, has_json = COMMANDS[name]
+        _, words, options, has_json = COMMANDS[name]
         listed: dict[str, Any] = {"help": words} if described else {}
         command = commands.add_parser(name, description=words, allow_abbrev=False, **listed)
-        command.set_defaults(runs=runs)
         for names, how in options:
             command.add_argument(*names, **how)  # type: ignore[arg-type]
         if has_json:

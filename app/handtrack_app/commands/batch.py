@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import glob
 import io
@@ -517,18 +516,37 @@ def _row(row: Outcome) -> str:
 _OK, _SOME, _INTERRUPTED = 0, 3, 130
 
 
-def run(args: argparse.Namespace) -> int:
+@dataclass(frozen=True)
+class BatchOptions:
+    """Options of `handtrack batch`."""
+
+    pattern: list[str]
+    jobs: int
+    dask: str | None
+    resume: bool
+    out: Path
+    most_lost: float
+    init: str | None
+    yes: bool
+    frames: str | None
+    use: str | None
+    set: list[str]
+    seed: int | None
+    json: bool
+
+
+def run(options: BatchOptions) -> int:
     """Track all; return 0, 3 where recordings have no result or lost too many frames, 130 when interrupted."""
-    out = args.out.resolve()
+    out = options.out.resolve()
     ledger = out / LEDGER_FILE
     before = latest(read_ledger(ledger))
-    if before and not args.resume:
+    if before and not options.resume:
         raise HandtrackError(
-            f"--out {args.out}: there is a batch of {len(before)} recordings. --resume goes on with it, and leaves out what is "
+            f"--out {options.out}: there is a batch of {len(before)} recordings. --resume goes on with it, and leaves out what is "
             "done; name another folder to begin anew."
         )
-    words = track_words(args)
-    plan = recordings(args.pattern, words, out)
+    words = track_words(options)
+    plan = recordings(options.pattern, words, out)
     known = [before.get(one.folder) for one in plan]
     todo = [
         one
@@ -541,12 +559,12 @@ def run(args: argparse.Namespace) -> int:
         say(
             f"{same} of {len(plan)} recordings are left as they are: same inputs, settings, version."
         )
-    track_it = partial(track_one, words, out, max(thread_count() // args.jobs, 1))
+    track_it = partial(track_one, words, out, max(thread_count() // options.jobs, 1))
     with stoppable() as stop:
         came = (
-            on_this_machine(todo, track_it, args.jobs, stop, lambda begun: append(ledger, begun))
-            if args.dask is None
-            else on_dask(args.dask, todo, track_it, stop)
+            on_this_machine(todo, track_it, options.jobs, stop, lambda begun: append(ledger, begun))
+            if options.dask is None
+            else on_dask(options.dask, todo, track_it, stop)
         )
         with progress_bar(len(todo), "batch", unit="recording", disable=not todo) as bar:
             for outcome in came:
@@ -561,18 +579,18 @@ def run(args: argparse.Namespace) -> int:
     own = [ended[one.folder] for one in plan if one.folder in ended]
     files = {"report": str(out / "report.html"), "table": str(out / "report.csv"), "ledger": str(ledger)}  # fmt: skip
     told = {"recordings": [outcome.table() for outcome in own], **files}
-    answer(args, told, f"{in_words(own)}. Report: {out / 'report.html'}")
+    answer(options.json, told, f"{in_words(own)}. Report: {out / 'report.html'}")
     if stopped or any(one.state == INTERRUPTED for one in own):
         say("handtrack batch: interrupted; --resume goes on.")
         return _INTERRUPTED
-    poor = [o for o in own if o.state != DONE or o.share("lost") > args.most_lost]
+    poor = [o for o in own if o.state != DONE or o.share("lost") > options.most_lost]
     return _SOME if poor else _OK
 
 
-def track_words(args: argparse.Namespace) -> list[str]:
+def track_words(options: BatchOptions) -> list[str]:
     """Return the options of `handtrack track` that a batch hands on to each recording."""
-    words = [word for pair in args.set for word in ("--set", pair)]
+    words = [word for pair in options.set for word in ("--set", pair)]
     for name in ("init", "frames", "use", "seed"):
-        value = getattr(args, name)
+        value = getattr(options, name)
         words += [] if value is None else [f"--{name}", str(value)]
-    return words + ["--yes"] * args.yes
+    return words + ["--yes"] * options.yes

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import glob
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -45,45 +44,63 @@ _Inputs = dict[str, dict[str, FrameSource]]
 """by camera, its sources: `shared`, matched between cameras by frame number, and `alone`, of its lens"""
 
 
-def calibrate(args: argparse.Namespace) -> int:
+@dataclass(frozen=True)
+class CalibrateOptions:
+    """Options of `handtrack calibrate`."""
+
+    out: Path
+    board: str
+    camera: Mapping[str, Sequence[str]]
+    intrinsics: Mapping[str, Sequence[str]]
+    known: Path | None
+    world: str | None
+    no_k3: bool
+    no_tangential: bool
+    most_views: int
+    most_images: int
+    bayer: str | None
+    json: bool
+
+
+def calibrate(options: CalibrateOptions) -> int:
     """Find the board, calibrate, write calibration.toml and the report; print the report."""
-    board = parse_board(args.board)
-    if args.bayer and args.bayer not in PATTERNS:
-        raise unknown_name("Bayer pattern", args.bayer, PATTERNS, "--bayer")
-    output_file(args.out, (".toml",), "calibrations are")
-    inputs = _inputs(args)
-    known = read_rig(args.known) if args.known else None
+    board = parse_board(options.board)
+    if options.bayer and options.bayer not in PATTERNS:
+        raise unknown_name("Bayer pattern", options.bayer, PATTERNS, "--bayer")
+    output_file(options.out, (".toml",), "calibrations are")
+    inputs = _inputs(options)
+    known = read_rig(options.known) if options.known else None
     if known is not None and not inputs.keys() & set(known.names):
         raise HandtrackError(
-            f"--known {args.known}: none of its cameras ({', '.join(known.names)}) is calibrated here; the names after "
+            f"--known {options.known}: none of its cameras ({', '.join(known.names)}) is calibrated here; the names after "
             "--camera must be the same."
         )
-    cameras = _searched(inputs, board, args)
+    cameras = _searched(inputs, board, options.most_images)
     require_views(board, cameras, lambda: _some_images(inputs, cameras))
     settings = CalibrationSettings(
-        k3=not args.no_k3,
-        tangential=not args.no_tangential,
-        most_views=args.most_views,
-        world=args.world or "",
+        k3=not options.no_k3,
+        tangential=not options.no_tangential,
+        most_views=options.most_views,
+        world=options.world or "",
         known={camera.name: camera for camera in known or ()},
     )
     calibration = calibrate_rig(board, cameras, settings)
-    _write_report(calibration, board, args)
+    _write_report(calibration, board, options)
     if wrong := calibration.report["contradictions"]:
-        raise HandtrackError(f"{' '.join(wrong)} {args.out} was not written; the report was.")
-    previous = keep_version(args.out)
-    with replacing(args.out) as part:
+        raise HandtrackError(f"{' '.join(wrong)} {options.out} was not written; the report was.")
+    previous = keep_version(options.out)
+    with replacing(options.out) as part:
         write_rig(part, calibration.rig)
-    say(f"wrote {args.out}{f'; the one before is kept as {previous}' if previous else ''}")
+    say(f"wrote {options.out}{f'; the one before is kept as {previous}' if previous else ''}")
     return 0
 
 
-def _inputs(args: argparse.Namespace) -> _Inputs:
+def _inputs(options: CalibrateOptions) -> _Inputs:
     found = _Inputs()
-    options = (("shared", "--camera", args.camera), ("alone", "--intrinsics", args.intrinsics))
-    for use, option, given in options:
+    uses = (("shared", "--camera", options.camera), ("alone", "--intrinsics", options.intrinsics))
+    for use, option, given in uses:
         for name, parts in given.items():
-            source = _source(parts, f"{option} {name}", args.bayer, synchronised=use == "shared")
+            source = _source(parts, f"{option} {name}", options.bayer, synchronised=use == "shared")
             found.setdefault(name, {})[use] = source
     if not found:
         raise HandtrackError(
@@ -124,9 +141,8 @@ def _source(
     return ImageFiles(paths, where=folder, in_order=in_order)
 
 
-def _searched(inputs: _Inputs, board: Board, args: argparse.Namespace) -> list[CameraViews]:
+def _searched(inputs: _Inputs, board: Board, most: int) -> list[CameraViews]:
     """Return what each camera saw of the board."""
-    most = args.most_images
     shared = [sources["shared"] for sources in inputs.values() if "shared" in sources]
     shared_frames = frames_to_search(shared, most)
     plans = [
@@ -167,10 +183,10 @@ def _some_images(inputs: _Inputs, cameras: Sequence[CameraViews]) -> list[Array]
     return images
 
 
-def _write_report(calibration: RigCalibration, board: Board, args: argparse.Namespace) -> None:
+def _write_report(calibration: RigCalibration, board: Board, options: CalibrateOptions) -> None:
     """Print the report; beside calibration.toml leave it as text, and two pictures."""
     text = report_text(calibration.report)
-    stem = args.out.with_suffix("")
+    stem = options.out.with_suffix("")
     files = {Path(f"{stem}_report.txt"): (text + "\n").encode()}
     pictures = {
         "rig": draw_calibration(calibration, board),
@@ -181,7 +197,7 @@ def _write_report(calibration: RigCalibration, board: Board, args: argparse.Name
     for path, content in files.items():
         with replacing(path) as part:
             part.write_bytes(content)
-    answer(args, calibration.report, text)
+    answer(options.json, calibration.report, text)
     say(f"wrote {', '.join(map(str, files))}")
 
 
@@ -197,36 +213,36 @@ _PAPERS_MM = {
 }
 
 
-def save_board(args: argparse.Namespace) -> int:
+def save_board(board: str, out: Path, dpi: float, json: bool) -> int:
     """Write the board and say how large it must come out of the printer."""
-    board = parse_board(args.board)
-    output_file(args.out, FORMATS, "boards are")
-    width, height = page_size_mm(board)
-    if args.out.suffix.lower() == ".png" and width * height * (args.dpi / 25.4) ** 2 > 2e8:
+    printed = parse_board(board)
+    output_file(out, FORMATS, "boards are")
+    width, height = page_size_mm(printed)
+    if out.suffix.lower() == ".png" and width * height * (dpi / 25.4) ** 2 > 2e8:
         raise HandtrackError(
-            f"--out {args.out}: {width:.0f} x {height:.0f} mm at {args.dpi:g} dpi is too large a picture; "
+            f"--out {out}: {width:.0f} x {height:.0f} mm at {dpi:g} dpi is too large a picture; "
             "write .svg or .pdf, which are exact, or choose a smaller --dpi."
         )
-    keep_version(args.out)
-    with replacing(args.out) as part:
-        write_board(part, board, args.dpi)
-    columns, rows = board.squares
-    side = board.square_m * 1e3
+    keep_version(out)
+    with replacing(out) as part:
+        write_board(part, printed, dpi)
+    columns, rows = printed.squares
+    side = printed.square_m * 1e3
     fits = [
         name
         for name, size in _PAPERS_MM.items()
         if max(width, height) <= max(size) and min(width, height) <= min(size)
     ]
     words = (
-        f"{args.out}: {board.text}, page {width:g} x {height:g} mm"
+        f"{out}: {printed.text}, page {width:g} x {height:g} mm"
         f"{f' (fits {fits[0]})' if fits else ' (larger than A1)'}. Print at 100 % (actual size) and measure: "
         f"{columns} squares must be {columns * side:g} mm wide, {rows} squares {rows * side:g} mm high; if not, "
         "give the measured square to `handtrack calibrate`. Glue it to something flat and stiff."
     )
     answer(
-        args,
+        json,
         {
-            "output": args.out,
+            "output": out,
             "page_mm": [width, height],
             "squares": [columns, rows],
             "square_mm": side,

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
 import time
 from collections.abc import Mapping
+from json import dumps
 from pathlib import Path
 
 import numpy as np
@@ -30,32 +29,30 @@ _THIN_M = 1e-4
 _ROBOT = ".urdf"
 
 
-def check_model(args: argparse.Namespace) -> int:
+def check_model(file: Path, out: Path | None, json: bool) -> int:
     """Check a definition and say what is in it; write it as TOML, or as a robot's URDF, where that is asked for."""
-    if args.out is not None:
-        output_file(args.out, (".toml", _ROBOT), "definitions and robots are")
-        if args.out.exists():
-            raise HandtrackError(f"--out {args.out}: there is such a file already; name another one.")  # fmt: skip
-    model = load_model(args.file)
+    if out is not None:
+        output_file(out, (".toml", _ROBOT), "definitions and robots are")
+        if out.exists():
+            raise HandtrackError(f"--out {out}: there is such a file already; name another one.")  # fmt: skip
+    model = load_model(file)
     found = findings(model)
     told = {
         "name": model.name, "kind": model.kind, "bones": len(model.skeleton.bone_names),
         "freedoms": list(model.parameter_names[6:]), "joints": list(model.joint_names),
-        "ellipsoids": {key: len(flesh.bone) for key, flesh in model.flesh.items()}, "findings": found, "output": args.out,
+        "ellipsoids": {key: len(flesh.bone) for key, flesh in model.flesh.items()}, "findings": found, "output": out,
     }  # fmt: skip
-    if args.out is not None:
-        is_robot = args.out.suffix.lower() == _ROBOT
-        text = (
-            urdf_text(model) if is_robot else definition_text(read_definition(args.file), args.file)
-        )
-        replace_text(args.out, text)
+    if out is not None:
+        is_robot = out.suffix.lower() == _ROBOT
+        text = urdf_text(model) if is_robot else definition_text(read_definition(file), file)
+        replace_text(out, text)
     shapes = ", ".join(f"{count} ellipsoids in {key}" for key, count in told["ellipsoids"].items())
     words = (
         f"{model.name}: {told['bones']} bones, {len(told['freedoms'])} freedoms besides the root's six, "
         f"{len(told['joints'])} joints, {shapes}. {'Nothing odd was found.' if not found else ''}"
     )
-    written = [] if args.out is None else [f"written to {args.out}; to use it: [hand], model in a session, or load_model()"]  # fmt: skip
-    answer(args, told, words.rstrip(), *(f"warning: {text}" for text in found), *written)
+    written = [] if out is None else [f"written to {out}; to use it: [hand], model in a session, or load_model()"]  # fmt: skip
+    answer(json, told, words.rstrip(), *(f"warning: {text}" for text in found), *written)
     return 0
 
 
@@ -102,34 +99,34 @@ _COLUMNS = {
 _OF_A_JOINT = re.compile(r"position_(?!.*_offset_free_mm$).*_mm")
 
 
-def compare_with_truth(args: argparse.Namespace) -> int:
+def compare_with_truth(poses: Path, truth: Path, landmarks: str | None, json: bool) -> int:
     """Print the metrics, as a table or JSON."""
-    track = read_npz(args.poses)
-    truth, note = import_truth(args.truth, track.side)
+    track = read_npz(poses)
+    reference, note = import_truth(truth, track.side)
     if note:
         say(f"note: {note}")
     try:
-        compared = in_truths_landmarks(track, truth, args.landmarks)
+        compared = in_truths_landmarks(track, reference, landmarks)
         definition = compared.keypoint_definition or JOINT_CENTRES
-        metrics = evaluate(compared, truth, definition)
+        metrics = evaluate(compared, reference, definition)
     except HandtrackError as error:
-        raise HandtrackError(f"{args.poses} and {args.truth}: {error}") from None
+        raise HandtrackError(f"{poses} and {truth}: {error}") from None
     median = metrics["mpjpe_median_mm"]
     if median is not None and median > _FAR_MM:
         say(
-            f"note: result and truth are {median / 1000:.3g} m apart (median). Is {args.truth} in metres, and in the world of "
+            f"note: result and truth are {median / 1000:.3g} m apart (median). Is {truth} in metres, and in the world of "
             "the calibration?"
         )
-    own, theirs = track.landmark_definition, truth.keypoint_definition
+    own, theirs = track.landmark_definition, reference.keypoint_definition
     if theirs not in (None, definition):
-        say(f"note: the points of {args.truth} are {theirs}; compared are {definition}.")
-    elif own is not None and theirs is None and args.landmarks is None:
+        say(f"note: the points of {truth} are {theirs}; compared are {definition}.")
+    elif own is not None and theirs is None and landmarks is None:
         say(
             f"note: compared are {definition}; --landmarks {own} compares the points as that detector means them."
         )
-    if args.json:
+    if json:
         told = metrics | {"keypoint_definition": definition}
-        print(json.dumps(told, indent=1, allow_nan=False))
+        print(dumps(told, indent=1, allow_nan=False))
         return 0
     joints = [name[9:-3] for name in metrics if _OF_A_JOINT.fullmatch(name)]
     rows = {j: [f"{head}{j}{tail}" for head, tail in _COLUMNS.values()] for j in joints}
@@ -151,13 +148,13 @@ def _shown(value: object) -> str:
 # ---- `handtrack spread`: a person's constants of linked abduction, to be put into session.toml
 
 
-def measure_spread(args: argparse.Namespace) -> int:
+def measure_spread(poses: Path, json: bool) -> int:
     """Print the four settings as lines of [tracking], and how well they explain what was seen."""
-    track = read_npz(args.poses)
+    track = read_npz(poses)
     try:
         found = spread_of_track(track)
     except HandtrackError as error:
-        raise HandtrackError(f"{args.poses}: {error}") from None
+        raise HandtrackError(f"{poses}: {error}") from None
     settings = found.settings()
     told = {
         "settings": settings,
@@ -165,7 +162,7 @@ def measure_spread(args: argparse.Namespace) -> int:
         "residual_rad": found.residual_rad,
         "explained": found.explained,
     }
-    answer(args, told, *(f"{name} = {value:g}" for name, value in settings.items()))
+    answer(json, told, *(f"{name} = {value:g}" for name, value in settings.items()))
     say(
         f"from {found.frames} {'frame' if found.frames == 1 else 'frames'}; the linkage leaves {np.rad2deg(found.residual_rad):.1f}° of the abductions unexplained "
         f"({100 * found.explained:.0f} % of their squares explained). Use with model.coupling = 18."
@@ -176,27 +173,27 @@ def measure_spread(args: argparse.Namespace) -> int:
 # ---- `handtrack bench`: each figure beside its reference, measured in one run
 
 
-def run_benchmarks(args: argparse.Namespace) -> int:
+def run_benchmarks(name: str | None, json: bool) -> int:
     """Print a table, or JSON as contracts §3."""
-    chosen = [args.name] if args.name else [*QUICK]
+    chosen = [name] if name else [*QUICK]
     figures: dict[str, dict[str, object]] = {}
-    for name in chosen:
-        measure = benchmark(name)
-        say(f"{name} …")
-        figures[name] = measure()
+    for one in chosen:
+        measure = benchmark(one)
+        say(f"{one} …")
+        figures[one] = measure()
     lines = [
         line
-        for name, figure in figures.items()
-        for line in (name, *(f"  {key:24s} {_shown(value)}" for key, value in figure.items()))
+        for title, figure in figures.items()
+        for line in (title, *(f"  {key:24s} {_shown(value)}" for key, value in figure.items()))
     ]
-    answer(args, figures, *lines)
+    answer(json, figures, *lines)
     return 0
 
 
 # ---- `handtrack warmup`: compile ahead what tracking would compile at its first frame
 
 
-def compile_kernels(args: argparse.Namespace) -> int:
+def compile_kernels(json: bool) -> int:
     """Track a small frame of every kind; numba keeps what it compiles for later runs."""
     from handtrack.simulation.warm_up import warm_up  # slow to import
 
@@ -205,5 +202,5 @@ def compile_kernels(args: argparse.Namespace) -> int:
         say(f"compiled for {kind}")
     seconds = time.perf_counter() - begun
     words = f"ready after {seconds:.0f} s; kept for this machine and this version"
-    answer(args, {"seconds": round(seconds, 1)}, words)
+    answer(json, {"seconds": round(seconds, 1)}, words)
     return 0

@@ -9,7 +9,7 @@ from handtrack.errors import HandtrackError
 from handtrack_app.cli import build_parser
 
 
-def print_script(args: argparse.Namespace) -> int:
+def print_script(shell: str) -> int:
     """Print the script of a shell; where a path is expected, it completes files."""
     try:
         import shtab
@@ -23,5 +23,5 @@ def print_script(args: argparse.Namespace) -> int:
         for action in command._actions:
             if action.type is Path:
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
-    print(shtab.complete(parser, args.shell))
+    print(shtab.complete(parser, shell))
     return 0

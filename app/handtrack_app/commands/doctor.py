@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,24 +17,24 @@ from handtrack.session.sources.video_audits import keep_audits
 from handtrack_app.commands.terminal.output import answer, output_file
 
 
-def check_session(args: argparse.Namespace) -> int:
+def check_session(session: Path, picture: Path | None, json: bool) -> int:
     """Print the findings, the gravest first; draw the rig where that is asked for."""
-    if args.picture is not None:
-        output_file(args.picture, (".png",), "pictures are", option="--picture")
-    session = Session.open(args.session)
-    session.check_init()
-    findings = examine(session)
-    keep_audits(session.folder, session.videos)
+    if picture is not None:
+        output_file(picture, (".png",), "pictures are", option="--picture")
+    opened = Session.open(session)
+    opened.check_init()
+    findings = examine(opened)
+    keep_audits(opened.folder, opened.videos)
     findings = sorted(findings, key=lambda found: -SEVERITIES.index(found.severity))
     counts = {kind: sum(f.severity == kind for f in findings) for kind in ("error", "warning")}
     odd = [f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n]
     lines = [f"{finding.severity}: {finding.text}" for finding in findings]
-    lines.append(f"{session.name}: {' and '.join(odd) or 'nothing odd was found'}.")
-    if args.picture is not None:
-        _draw(session, findings, args.picture)
-        lines.append(f"the rig is drawn in {args.picture}.")
+    lines.append(f"{opened.name}: {' and '.join(odd) or 'nothing odd was found'}.")
+    if picture is not None:
+        _draw(opened, findings, picture)
+        lines.append(f"the rig is drawn in {picture}.")
     told = [{"severity": finding.severity, "text": finding.text} for finding in findings]
-    answer(args, {"session": session.name, "findings": told, "picture": args.picture}, *lines)
+    answer(json, {"session": opened.name, "findings": told, "picture": picture}, *lines)
     return 0
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
@@ -30,6 +29,7 @@ from handtrack_app.commands.terminal.output import (
     stoppable,
 )
 from handtrack_app.commands.terminal.track_options import (
+    TrackingOptions,
     ask_for_other_side,
     asked_for,
     found_first_pose,
@@ -43,31 +43,41 @@ _FILES = {
 _OF_RECORDINGS = ("frames", "init", "use", "set", "person")
 
 
-def fit_person(args: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class PersonOptions(TrackingOptions):
+    """Options of `handtrack person` and `handtrack size`."""
+
+    command: str
+    count: int
+    out: Path | None
+    json: bool
+
+
+def fit_person(options: PersonOptions) -> int:
     """Save the person of a tracked sequence; or track the frames asked for, fit a person to some of them, and save it. Return the
     exit code.
     """
-    if args.session.suffix.lower() == ".npz":
-        return _of_track(args)
-    session, overrides, _, first = asked_for(args, {"model.fit_size": False})
-    if args.init != "auto":
-        ask_for_other_side(session, first or session.init, args.yes)
-    frames = parse_frames(args.frames, session.frame_range, session.folder)
+    if options.session.suffix.lower() == ".npz":
+        return _of_track(options)
+    session, overrides, _, first = asked_for(options, {"model.fit_size": False})
+    if options.init != "auto":
+        ask_for_other_side(session, first or session.init, options.yes)
+    frames = parse_frames(options.frames, session.frame_range, session.folder)
     kind = TrackingRun.open(session, overrides, use_init=False).model.kind
-    out = _new_file(args.out or session.folder / _FILES[args.command][kind], kind)
+    out = _new_file(options.out or session.folder / _FILES[options.command][kind], kind)
     with stoppable() as stop, saying_compiling():
-        if args.init == "auto":
-            first = found_first_pose(session, overrides, frames, stop, args.yes)
+        if options.init == "auto":
+            first = found_first_pose(session, overrides, frames, stop, options.yes)
         say(
-            f"tracking {len(frames)} frames, and fitting the {kind}'s size to {args.count} of them …"
+            f"tracking {len(frames)} frames, and fitting the {kind}'s size to {options.count} of them …"
         )
         before = after = None
         if not stop():
             before = TrackingRun.open(session, overrides, first, stop)
             with share_bar("sizing") as tell:
-                after = before.fit_size(stop, frames, args.count, tell, sizes=True)
+                after = before.fit_size(stop, frames, options.count, tell, sizes=True)
         if stop() or before is None or after is None:
-            say(f"handtrack {args.command}: interrupted; nothing was saved.")
+            say(f"handtrack {options.command}: interrupted; nothing was saved.")
             return INTERRUPTED
     if after.scale is before.scale:
         raise HandtrackError(
@@ -77,36 +87,36 @@ def fit_person(args: argparse.Namespace) -> int:
         )
     note(*after.notes)
     source = f"session {session.name}, frames {frames.start} to {frames.stop - 1}"
-    return _save(args, out, replace(after.model, scale=replace(after.scale, source=source)))
+    return _save(options.json, out, replace(after.model, scale=replace(after.scale, source=source)))
 
 
-def _of_track(args: argparse.Namespace) -> int:
-    given = [name for name in _OF_RECORDINGS if getattr(args, name)]
+def _of_track(options: PersonOptions) -> int:
+    given = [name for name in _OF_RECORDINGS if getattr(options, name)]
     if given:
         raise HandtrackError(
-            f"{args.session} is tracked already: --{given[0]} is for a session. Leave it out, or name the session's folder."
+            f"{options.session} is tracked already: --{given[0]} is for a session. Leave it out, or name the session's folder."
         )
-    track = read_npz(args.session)
-    model = model_of(track, str(args.session))
+    track = read_npz(options.session)
+    model = model_of(track, str(options.session))
     if not model.scale.std:
         raise HandtrackError(
-            f"{args.session}: its {model.kind}'s shape is fixed, not estimated from the recording, so there is nothing to save. "
+            f"{options.session}: its {model.kind}'s shape is fixed, not estimated from the recording, so there is nothing to save. "
             f'Track with scale = "fit" in [hand] of its {SESSION_FILE}.'
         )
     out = _new_file(
-        args.out or args.session.with_name(_FILES[args.command][model.kind]), model.kind
+        options.out or options.session.with_name(_FILES[options.command][model.kind]), model.kind
     )
     return _save(
-        args,
+        options.json,
         out,
         replace(
             model,
-            scale=replace(model.scale, source=f"{args.session.name} of session {track.session}"),
+            scale=replace(model.scale, source=f"{options.session.name} of session {track.session}"),
         ),
     )
 
 
-def _save(args: argparse.Namespace, out: Path, model: ArticulatedModel) -> int:
+def _save(as_json: bool, out: Path, model: ArticulatedModel) -> int:
     rows = [row for row in shape_numbers(model) if row.name != FOREARM_END]
     write_scale(
         out,
@@ -127,7 +137,7 @@ def _save(args: argparse.Namespace, out: Path, model: ArticulatedModel) -> int:
     saved += [f"{hand.capitalize()}." if hand else "", f"Saved to {out}"]
     scale = scale_table(model.scale)
     answer(
-        args,
+        as_json,
         {"scale": scale, "hand": hand, "not_measured": unmeasured, "output": out},
         " ".join(filter(None, saved)),
         use,
@@ -147,26 +157,26 @@ def _new_file(out: Path, kind: str) -> Path:
 # ---- `handtrack skin`: the colour of skin from several images segmented by hand, for the filter of [clouds]
 
 
-def fit_skin(args: argparse.Namespace) -> int:
-    """Fit one ellipse in (r, g) to all of them and write it into session.toml."""
-    session = Session.open(args.session)
-    if session.file.clouds is None:
+def fit_skin(session: Path, segmented: list[list[str]] | None, size: float, json: bool) -> int:
+    """Fit one ellipse in (r, g) to all of them and write it into opened.toml."""
+    opened = Session.open(session)
+    if opened.file.clouds is None:
         raise HandtrackError(
-            f"{session.folder / SESSION_FILE}: no table [clouds], whose filter the skin's colour is. Masks by skin colour are "
+            f"{opened.folder / SESSION_FILE}: no table [clouds], whose filter the skin's colour is. Masks by skin colour are "
             'a camera\'s: masks = { method = "skin_ycrcb" }.'
         )
-    if args.segmented:
-        pairs = [(Path(image), Path(mask)) for image, mask in args.segmented]
+    if segmented:
+        pairs = [(Path(image), Path(mask)) for image, mask in segmented]
         samples = segmented_skin(pairs)
     else:
-        samples = painted_skin(session)
-    skin = fit_skin_ellipse(*samples, size=args.size)
+        samples = painted_skin(opened)
+    skin = fit_skin_ellipse(*samples, size=size)
     kept = edit_toml(
-        session.folder / SESSION_FILE, {"clouds.skin": asdict(skin)}, "a session's settings"
+        opened.folder / SESSION_FILE, {"clouds.skin": asdict(skin)}, "a session's settings"
     )
     (red, green), images = skin.mean, len(samples)
     answer(
-        args,
+        json,
         {"pixels": sum(map(len, samples)), "images": images, "r": red, "g": green},
         f"{sum(map(len, samples))} pixels of {images} {'image' if images == 1 else 'images'}: r = {red:.3f}, g = {green:.3f}. "
         f"[clouds] of {SESSION_FILE}: skin.{kept}",

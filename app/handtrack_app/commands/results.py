@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from handtrack.diagnostics.metrics import evaluate
@@ -33,27 +32,44 @@ from handtrack_app.commands.terminal.track_options import parse_frames
 _NEGLIGIBLE_M = 1e-4  # a tenth of a millimetre: the bound that every format is held to
 
 
-def export_poses(args: argparse.Namespace) -> int:
+@dataclass(frozen=True)
+class ExportOptions:
+    """Options of `handtrack export`."""
+
+    poses: Path
+    to: str | None
+    out: Path | None
+    up: str | None
+    landmarks: str | None
+    mano: Path | None
+    metadata: Path | None
+    session: Path | None
+    json: bool
+
+
+def export_poses(options: ExportOptions) -> int:
     """Write the converted file, and those that belong to it, and name them."""
-    if args.to is None:
+    if options.to is None:
         formats = {known.name: known.purpose for known in FORMATS}
-        answer(args, formats, *(f"{name:10} {purpose}" for name, purpose in formats.items()))
+        answer(
+            options.json, formats, *(f"{name:10} {purpose}" for name, purpose in formats.items())
+        )
         return 0
-    chosen = export_format(args.to)
-    folder = args.session or session_of(args.poses)
-    table = ResultsTable.read(args.poses, folder)
-    table = replace(table, mano=args.mano)
-    if args.metadata is not None:
-        table = replace(table, metadata=ArchiveMetadata.read(args.metadata))
-    out: Path = args.out or args.poses.with_name(f"{args.poses.stem}{chosen.ending}")
-    output_file(out, (chosen.suffix,), f"{args.to} exports are")
-    if out.resolve() == args.poses.resolve():
+    chosen = export_format(options.to)
+    folder = options.session or session_of(options.poses)
+    table = ResultsTable.read(options.poses, folder)
+    table = replace(table, mano=options.mano)
+    if options.metadata is not None:
+        table = replace(table, metadata=ArchiveMetadata.read(options.metadata))
+    out: Path = options.out or options.poses.with_name(f"{options.poses.stem}{chosen.ending}")
+    output_file(out, (chosen.suffix,), f"{options.to} exports are")
+    if out.resolve() == options.poses.resolve():
         raise HandtrackError(
             f"--out {out}: that is the file that is read; nothing was written. Name another one."
         )
     try:
         previous = keep_version(out)
-        written = chosen.write(out, table, args.up or "", args.landmarks or "")
+        written = chosen.write(out, table, options.up or "", options.landmarks or "")
     except OSError as error:
         raise HandtrackError(
             f"--out {out}: cannot be written ({error.strerror}). Name another place with --out."
@@ -61,12 +77,12 @@ def export_poses(args: argparse.Namespace) -> int:
     kept = f"; the file before is kept as {previous}" if previous else ""
     beside = f", with {', '.join(path.name for path in written[1:])}" if written[1:] else ""
     told = {"frames": len(table.track), "output": out, "files": written, "previous": previous}
-    answer(args, told, f"{len(table.track)} frames written to {out}{beside}{kept}")
+    answer(options.json, told, f"{len(table.track)} frames written to {out}{beside}{kept}")
     if folder is not None:
-        note(*_foreign(table.track, args.poses, folder))
+        note(*_foreign(table.track, options.poses, folder))
     if chosen.one_skeleton and table.misfit_m > _NEGLIGIBLE_M:
         say(
-            f"note: {args.poses} has frames with different hand sizes; {args.to} has one skeleton for all, with errors of up to "
+            f"note: {options.poses} has frames with different hand sizes; {options.to} has one skeleton for all, with errors of up to "
             f"{1e3 * table.misfit_m:.1f} mm in some frames."
         )
     return 0
@@ -94,45 +110,49 @@ def session_of(poses: Path) -> Path | None:
 _PROGRAM = "handtrack takes"
 
 
-def manage_takes(args: argparse.Namespace) -> int:
+def manage_takes(
+    session: Path,
+    restore: int | None,
+    compare: list[int] | None,
+    prune: int | None,
+    frames: str | None,
+    take_over: bool,
+    json: bool,
+) -> int:
     """List the takes, or do with them what the options say."""
-    session = Session.open(args.session)
-    folder = session.folder / TRACKS_FOLDER
-    frames = (
-        None
-        if args.frames is None
-        else parse_frames(args.frames, session.frame_range, session.folder)
-    )
-    if frames is not None and args.restore is None and args.compare is None:
+    opened = Session.open(session)
+    folder = opened.folder / TRACKS_FOLDER
+    chosen = None if frames is None else parse_frames(frames, opened.frame_range, opened.folder)
+    if chosen is not None and restore is None and compare is None:
         raise HandtrackError("--frames goes with --restore or --compare.")
-    if args.restore is not None:
-        _restore(session.folder, args, frames)
-    elif args.prune is not None:
-        with WritableStore(folder, _PROGRAM, args.take_over) as store:
-            freed = store.prune(args.prune)
-        print(f"take {args.prune} is removed; {freed / 1e6:.1f} MB are free.")
-    elif args.compare is not None:
-        _compare(Store(folder), session, args, frames)
+    if restore is not None:
+        _restore(opened.folder, restore, chosen, take_over)
+    elif prune is not None:
+        with WritableStore(folder, _PROGRAM, take_over) as store:
+            freed = store.prune(prune)
+        print(f"take {prune} is removed; {freed / 1e6:.1f} MB are free.")
+    elif compare is not None:
+        _compare(json, Store(folder), opened, compare, chosen)
     else:
-        _list(Store(folder), session, args)
+        _list(json, Store(folder), opened)
     return 0
 
 
-def _restore(folder: Path, args: argparse.Namespace, frames: range | None) -> None:
-    with WritableStore(folder / TRACKS_FOLDER, _PROGRAM, args.take_over) as store:
+def _restore(folder: Path, take: int, frames: range | None, take_over: bool) -> None:
+    with WritableStore(folder / TRACKS_FOLDER, _PROGRAM, take_over) as store:
         if text := import_track(store, folder):
             note(text)
-        spans = store.restored(args.restore, frames)
-        make_current(store, spans, f"Take {args.restore} restored", folder / POSES_FILE)
+        spans = store.restored(take, frames)
+        make_current(store, spans, f"Take {take} restored", folder / POSES_FILE)
         named = ", ".join(f"{s.first} to {s.stop - 1} of take {s.take}" for s in store.current())
         print(f"current: frames {named}. Saved to {folder / POSES_FILE}")
         note(*store.damage())
 
 
 def _compare(
-    store: Store, session: Session, args: argparse.Namespace, frames: range | None
+    as_json: bool, store: Store, session: Session, numbers: list[int], frames: range | None
 ) -> None:
-    takes = [store.take(number) for number in args.compare]
+    takes = [store.take(number) for number in numbers]
     found = compared(*(take.track(frames) for take in takes))
     if session.truth is not None:
         for take in takes:
@@ -143,7 +163,7 @@ def _compare(
         if overlap is not None:
             found[f"take_{take.number}_overlap"] = overlap
     shown = {name: "-" if value is None else f"{value:.4g}" for name, value in found.items()}
-    answer(args, found, *(f"{name:28s} {value}" for name, value in shown.items()))
+    answer(as_json, found, *(f"{name:28s} {value}" for name, value in shown.items()))
 
 
 def _overlap(session: Session, take: Take, frames: range | None) -> float | None:
@@ -166,7 +186,7 @@ def _overlap(session: Session, take: Take, frames: range | None) -> float | None
         return None
 
 
-def _list(store: Store, session: Session, args: argparse.Namespace) -> None:
+def _list(as_json: bool, store: Store, session: Session) -> None:
     spans, damage, holder = store.current(), store.damage(), holder_of(store.folder)
     foreign = foreign_takes(store, session)
     listed = [_listed(take, spans) for take in store.takes()]
@@ -177,7 +197,7 @@ def _list(store: Store, session: Session, args: argparse.Namespace) -> None:
         "writer": holder and str(holder),
     }
     none = f"{store.folder}: no takes yet; `handtrack track` makes one."
-    answer(args, told, *([words for _, words in listed] or [none]))
+    answer(as_json, told, *([words for _, words in listed] or [none]))
     if holder is not None:
         say(f"note: {holder} is writing here.")
     note(*foreign, *damage)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,58 +48,93 @@ _FRAMES = 100
 _SUFFIXES = (".bvh", ".amc", ".asf", ".trc", ".c3d", ".csv")
 
 
-def run(args: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions:
+    """Options of every command that reads a motion file."""
+
+    out: Path
+    model: str | None
+    skeleton: Path | None
+    names: Path | None
+    unit_m: float | None
+    positions: str | None
+    motion_fps: float | None
+    side: str
+    json: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions(MotionOptions):
+    """Options of `handtrack simulate`."""
+
+    cameras: int
+    frames: int | None
+    size: Sequence[int]
+    motion: str | None
+    scale: float
+    forearm: bool
+    distance: float | None
+    fps: float
+    no_images: bool
+    joints_px: float | None
+    clouds: bool
+    distortion: bool
+    init_noise_mm: float
+    seed: int
+
+
+def run(options: SimulateOptions) -> int:
     """Render the session folder and name it."""
-    check_new(args.out)
-    file = _motion_file(args)
+    check_new(options.out)
+    file = _motion_file(options)
     known = None
     if file is None:
-        args.model = args.model or "hand26"
-        motion, distance_m = _usual(args.model)
-        args.motion = motion if args.motion is None else args.motion
-        args.frames = _FRAMES if args.frames is None else args.frames
-        known_motions = tuple(MOTIONS[load_model(args.model).kind])
-        if args.motion not in known_motions:
-            raise unknown_name("motion", args.motion, known_motions, "--motion")
+        model = options.model or "hand26"
+        usual, distance_m = _usual(model)
+        motion = usual if options.motion is None else options.motion
+        frames = _FRAMES if options.frames is None else options.frames
+        known_motions = tuple(MOTIONS[load_model(model).kind])
+        if motion not in known_motions:
+            raise unknown_name("motion", motion, known_motions, "--motion")
     else:
-        raw = theirs, _, _ = read_given(args, file)
-        args.model = model_of(args, theirs.names, file)
-        distance_m = _usual(args.model)[1]
-    args.distance = distance_m if args.distance is None else args.distance
-    if file is not None:
-        clip, _ = clip_of(args, raw, load_model(args.model, side=args.side), file)
-        clip = clip.resampled(args.fps)
-        clip = staged(replace(clip, positions=clip.positions[: args.frames]))
-        args.frames = len(clip.positions)
-        known = custom_motion(fitted(args.model, args.side, clip), file.name)
+        raw = theirs, _, _ = read_given(options, file)
+        motion, model = file.name, model_of(options, theirs.names, file)
+        distance_m = _usual(model)[1]
+        clip, _ = clip_of(options, raw, load_model(model, side=options.side), file)
+        clip = clip.resampled(options.fps)
+        clip = staged(replace(clip, positions=clip.positions[: options.frames]))
+        frames = len(clip.positions)
+        known = custom_motion(fitted(model, options.side, clip), file.name)
     what = Simulation(
-        model=args.model,
-        cameras=args.cameras,
-        frames=args.frames,
-        size=(args.size[0], args.size[1]),
-        motion=args.motion,
-        side=args.side,
-        scale=args.scale,
-        forearm=args.forearm,
-        distance_m=args.distance,
-        fps=args.fps,
-        images=not args.no_images,
-        distortion=args.distortion,
-        init_noise_m=args.init_noise_mm * 1e-3,
-        seed=args.seed,
-        joints_px=args.joints_px,
-        clouds=args.clouds,
+        model=model,
+        cameras=options.cameras,
+        frames=frames,
+        size=(options.size[0], options.size[1]),
+        motion=motion,
+        side=options.side,
+        scale=options.scale,
+        forearm=options.forearm,
+        distance_m=distance_m if options.distance is None else options.distance,
+        fps=options.fps,
+        images=not options.no_images,
+        distortion=options.distortion,
+        init_noise_m=options.init_noise_mm * 1e-3,
+        seed=options.seed,
+        joints_px=options.joints_px,
+        clouds=options.clouds,
     )
     what.check()
-    total = args.frames * args.cameras
-    with new_folder(args.out) as folder, progress_bar(total, "rendering") as bar:
+    total = frames * options.cameras
+    with new_folder(options.out) as folder, progress_bar(total, "rendering") as bar:
 
         def show(_done: int, _total: int) -> None:
             bar.update()
 
         simulate(folder, what, show, known)
-    words = f"simulated session in {args.out}; open it with: handtrack open {args.out}"
-    answer(args, {"session": args.out, "frames": args.frames, "cameras": args.cameras}, words)
+    words = f"simulated session in {options.out}; open it with: handtrack open {options.out}"
+    answer(
+        options.json, {"session": options.out, "frames": frames, "cameras": options.cameras}, words
+    )
     return 0
 
 
@@ -108,13 +142,13 @@ def _usual(model: str) -> tuple[str, float]:
     return _BODY if load_model(model).kind == "body" else _HAND
 
 
-def _motion_file(args: argparse.Namespace) -> Path | None:
+def _motion_file(options: SimulateOptions) -> Path | None:
     """Return the file that `--motion` names; None for a motion's name. Raises HandtrackError for options of files alone."""
-    text = args.motion
+    text = options.motion
     if text is not None and (Path(text).suffix.lower() in _SUFFIXES or "/" in text):
         return Path(text)
     for option in ("skeleton", "names", "unit_m", "positions", "motion_fps"):
-        if getattr(args, option) is not None:
+        if getattr(options, option) is not None:
             raise HandtrackError(
                 f"--{option.replace('_', '-')} is about a motion file, but --motion names none; expected a {', '.join(_SUFFIXES)} file."
             )
@@ -124,45 +158,53 @@ def _motion_file(args: argparse.Namespace) -> Path | None:
 # ---- `handtrack retarget`: a model fitted to a motion file
 
 
-def retarget(args: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class RetargetOptions(MotionOptions):
+    """Options of `handtrack retarget`."""
+
+    file: Path
+    scale: Path | None
+
+
+def retarget(options: RetargetOptions) -> int:
     """Fit size and every frame; write poses, or a session with them; tell how near each joint is."""
-    is_file = args.out.suffix.lower() == ".npz"
+    is_file = options.out.suffix.lower() == ".npz"
     if is_file:
-        output_file(args.out, (".npz",), "poses are")
+        output_file(options.out, (".npz",), "poses are")
     else:
-        check_new(args.out)
-    raw = theirs, _, _ = read_given(args, args.file)
-    name = model_of(args, theirs.names, args.file)
+        check_new(options.out)
+    raw = theirs, _, _ = read_given(options, options.file)
+    name = model_of(options, theirs.names, options.file)
     if "/" in name or name.endswith(".toml"):
         raise HandtrackError(
             f"--model {name}: expected the name of a model, such as body34 or hand26."
         )
-    clip, unit_m = clip_of(args, raw, load_model(name, side=args.side), args.file)
+    clip, unit_m = clip_of(options, raw, load_model(name, side=options.side), options.file)
     motion = fitted(
-        name, args.side, clip, args.scale, lambda model: own_params(model, theirs, unit_m)
+        name, options.side, clip, options.scale, lambda model: own_params(model, theirs, unit_m)
     )
     if is_file:
-        write_npz(args.out, result_of(motion, args.file.name))
+        write_npz(options.out, result_of(motion, options.file.name))
     else:
-        with new_folder(args.out) as folder:
-            write_captured(folder, motion, args.file.stem)
+        with new_folder(options.out) as folder:
+            write_captured(folder, motion, options.file.stem)
     errors = 1e3 * motion.errors_m
     table = residuals(motion)
     lines = [
-        f"{args.out}: {len(motion.params)} frames of {name}; joints are {np.nanmedian(errors):.1f} mm from the file's (median), "
+        f"{options.out}: {len(motion.params)} frames of {name}; joints are {np.nanmedian(errors):.1f} mm from the file's (median), "
         f"{np.nanpercentile(errors, 95):.1f} mm in 95 %.",
         "median of each joint [mm]: " + ", ".join(f"{joint} {mm:g}" for joint, mm in table.items()),
     ]
     if not is_file:
         lines.append(
-            f"Open it with: handtrack open {args.out}; export it with: handtrack export {args.out}/tracks/poses.npz --to FORMAT"
+            f"Open it with: handtrack open {options.out}; export it with: handtrack export {options.out}/tracks/poses.npz --to FORMAT"
         )
     told = {
-        "out": args.out, "model": name, "frames": len(motion.params), "fps": clip.fps, "scale": motion.model.scale.overall,
+        "out": options.out, "model": name, "frames": len(motion.params), "fps": clip.fps, "scale": motion.model.scale.overall,
         "median_mm": round(float(np.nanmedian(errors)), 2), "p95_mm": round(float(np.nanpercentile(errors, 95)), 2),
         "joints_mm": table,
     }  # fmt: skip
-    answer(args, told, *lines)
+    answer(options.json, told, *lines)
     return 0
 
 
@@ -174,16 +216,16 @@ _HAND_JOINTS = 12
 """of a hand's 21, from which on a file is a hand's where it is no body's"""
 
 
-def read_given(args: argparse.Namespace, path: Path) -> tuple[MotionClip, float | None, str]:
+def read_given(options: MotionOptions, path: Path) -> tuple[MotionClip, float | None, str]:
     """Return what the file says, after `--skeleton`, `--motion-fps` and `--positions`. Raises HandtrackError."""
-    return read_motion(path, args.skeleton, args.motion_fps, args.positions)
+    return read_motion(path, options.skeleton, options.motion_fps, options.positions)
 
 
-def model_of(args: argparse.Namespace, names: Sequence[str], path: Path) -> str:
+def model_of(options: MotionOptions, names: Sequence[str], path: Path) -> str:
     """Return the model's name: the user's, else a body's or a hand's, whichever the file's names are of."""
-    if args.model is not None:
-        return args.model
-    if args.names is not None:
+    if options.model is not None:
+        return options.model
+    if options.names is not None:
         return "body34"
     try:
         matched_joints(load_model("body34"), names, str(path))
@@ -199,7 +241,7 @@ def model_of(args: argparse.Namespace, names: Sequence[str], path: Path) -> str:
 
 
 def clip_of(
-    args: argparse.Namespace,
+    options: MotionOptions,
     raw: tuple[MotionClip, float | None, str],
     model: ArticulatedModel,
     path: Path,
@@ -208,11 +250,11 @@ def clip_of(
     theirs, unit_m, form = raw
     names, words = (
         matched_joints(model, theirs.names, str(path))
-        if args.names is None
-        else read_table(args.names, model, theirs.names)
+        if options.names is None
+        else read_table(options.names, model, theirs.names)
     )
     say(f"{path}: {form}, {len(theirs.positions)} frames at {theirs.fps:.4g} a second; {words}")
-    clip, unit_m, notes = in_metres(theirs, names, model.kind, args.unit_m or unit_m, str(path))
+    clip, unit_m, notes = in_metres(theirs, names, model.kind, options.unit_m or unit_m, str(path))
     axis = upright_axis(clip)
     up = (
         []

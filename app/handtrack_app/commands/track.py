@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +49,7 @@ from handtrack_app.commands.terminal.output import (
 )
 from handtrack_app.commands.terminal.track_options import (
     SURE,
+    TrackingOptions,
     ask_for_other_side,
     asked_for,
     check_recording,
@@ -63,34 +64,50 @@ from handtrack_app.rerun.recorder import ResidualRecorder
 _PROGRAM = "handtrack track"
 
 
-def run(args: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class TrackOptions(TrackingOptions):
+    """Options of `handtrack track`."""
+
+    seed: int | None
+    size_later: bool
+    out: Path | None
+    rerun: bool
+    rerun_save: Path | None
+    rerun_frame: int | None
+    restart: bool
+    take_over: bool
+    explain: int | None
+    json: bool
+
+
+def run(options: TrackOptions) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
     began = time.monotonic()
-    more: dict[str, object] = {} if args.seed is None else {"tracker.seed": args.seed}
-    if args.size_later:
+    more: dict[str, object] = {} if options.seed is None else {"tracker.seed": options.seed}
+    if options.size_later:
         more["model.fit_size"] = "later"
-    session, overrides, settings, first = asked_for(args, more)
-    count_beside(session.folder if args.out is None else None, session.videos)
+    session, overrides, settings, first = asked_for(options, more)
+    count_beside(session.folder if options.out is None else None, session.videos)
     # where a first pose is looked for depends on where the recording ends; else tracking begins while that is found out
-    known = session.frame_range if args.init == "auto" else session.known_frames
-    frames = parse_frames(args.frames, known, session.folder)
-    check_recording(args, frames)
-    if args.explain is not None and args.explain not in frames:
+    known = session.frame_range if options.init == "auto" else session.known_frames
+    frames = parse_frames(options.frames, known, session.folder)
+    check_recording(options.rerun_frame, options.rerun or options.rerun_save is not None, frames)
+    if options.explain is not None and options.explain not in frames:
         raise HandtrackError(
-            f"--explain {args.explain}: expected one of the frames that are tracked, {frames.start} to {frames.stop - 1}."
+            f"--explain {options.explain}: expected one of the frames that are tracked, {frames.start} to {frames.stop - 1}."
         )
-    out = writable(args.out, session.folder)
-    if args.init != "auto":
-        ask_for_other_side(session, first or session.init, args.yes)
-    if args.init is None:
+    out = writable(options.out, session.folder)
+    if options.init != "auto":
+        ask_for_other_side(session, first or session.init, options.yes)
+    if options.init is None:
         note(*examine_start(session))
     take_recorder = TakeRecorder(
         out,
         session.folder,
         _PROGRAM,
-        restart=args.restart,
-        take_over=args.take_over,
-        resume_before=args.explain,
+        restart=options.restart,
+        take_over=options.take_over,
+        resume_before=options.explain,
         on_note=note,
     )
     with (
@@ -98,42 +115,42 @@ def run(args: argparse.Namespace) -> int:
         saying_compiling(),
         take_recorder as take,
     ):
-        if args.init == "auto":
-            first = found_first_pose(session, overrides, frames, stop, args.yes)
+        if options.init == "auto":
+            first = found_first_pose(session, overrides, frames, stop, options.yes)
         elif (given := first or session.init) is not None and given.pixels:
-            first = first_pose_of_images(session, settings, given, args.yes)
+            first = first_pose_of_images(session, settings, given, options.yes)
         if stop():
             say("handtrack track: interrupted before the first frame; nothing was saved.")
             return INTERRUPTED
         unsized = TrackingRun.open(session, {**overrides, "model.fit_size": "false"}, first, stop)
         run_ = unsized.with_values({"model.fit_size": settings.model.fit_size})
-        if args.size_later and not (settings.model.fit_size == "later" and run_.size_is_open):
+        if options.size_later and not (settings.model.fit_size == "later" and run_.size_is_open):
             say("note: --size-later has no effect: the size is fixed, not fitted.")
         recorder = None
-        if args.rerun or args.rerun_save:
+        if options.rerun or options.rerun_save:
             recorder = ResidualRecorder(
-                run_, args.rerun, args.rerun_save, args.rerun_frame, lambda url: say(f"residuals are shown at {url}")
+                run_, options.rerun, options.rerun_save, options.rerun_frame, lambda url: say(f"residuals are shown at {url}")
             )  # fmt: skip
         reports: list[SearchReport] = []
-        control = Control(stop, on_search=None if args.explain is None else reports.append)
+        control = Control(stop, on_search=None if options.explain is None else reports.append)
         control = control if recorder is None else recorder.watching(control)
         try:
-            request = request_for(run_, frames, from_init=args.init is None)
+            request = request_for(run_, frames, from_init=options.init is None)
             with Progressing(take, recorder, reports) as progress:
                 end, warnings = progress.follow(
                     track_session(run_, request, control, progress.show, take), stop
                 )
             stop.shielded = True  # from here on it is saved
-            code = _save(end, out, take, warnings, began if args.json else None)
-            if args.explain is not None:
-                there = next((r for r in end.results if r.frame == args.explain), None)
-                text = "\n".join(explained(args.explain, reports, there))
-                print(text, file=sys.stderr if args.json else sys.stdout, flush=True)
+            code = _save(end, out, take, warnings, began if options.json else None)
+            if options.explain is not None:
+                there = next((r for r in end.results if r.frame == options.explain), None)
+                text = "\n".join(explained(options.explain, reports, there))
+                print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
         finally:
             if recorder is not None:
-                recorder.close(keep_viewer=args.rerun)
-                _summarise(recorder, args)
-    if recorder is not None and args.rerun:
+                recorder.close(keep_viewer=options.rerun)
+                _summarise(recorder, options.rerun_save)
+    if recorder is not None and options.rerun:
         _end_viewer(recorder, wait=code == 0)
     return code
 
@@ -232,12 +249,12 @@ def _doubts(results: Sequence[FrameResult]) -> list[str]:
     return [*notes, queue] if queue else notes
 
 
-def _summarise(recorder: ResidualRecorder, args: argparse.Namespace) -> None:
+def _summarise(recorder: ResidualRecorder, saved: Path | None) -> None:
     """Say how recording went."""
     if recorder.problem:
         say(f"note: {recorder.problem}")
-    elif args.rerun_save:
-        say(f"residuals are in {args.rerun_save}; look at them with: rerun {args.rerun_save}")
+    elif saved:
+        say(f"residuals are in {saved}; look at them with: rerun {saved}")
     if recorder.without_pictures:
         say(
             f"note: {recorder.without_pictures} frames were recorded without pictures; tracking was faster."

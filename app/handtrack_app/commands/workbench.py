@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,39 +26,75 @@ if TYPE_CHECKING:
     from handtrack_app.access.web_server import WebServer
 
 
-def run(args: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class ServerOptions:
+    """Options of every command that serves a page."""
+
+    host: str
+    port: int | None
+    no_browser: bool
+    rerun: bool
+    memory: float | None
+    take_over: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenOptions(ServerOptions):
+    """Options of `handtrack open`."""
+
+    session: Path | None
+    live: bool
+    camera: Mapping[str, str]
+    record: Path | None
+    tolerance_ms: float
+
+
+def open_session(options: OpenOptions) -> int:
     """Serve the workbench until Ctrl-C."""
-    if args.command == "start":
-        return _start(args)
-    demo = args.command == "demo"
-    folder = demo_session() if demo else bundled_session() if args.session is None else args.session
-    live = None if demo else live_options(args)
+    folder = bundled_session() if options.session is None else options.session
+    live = live_options(options)
     if live is None and not (folder / SESSION_FILE).is_file():
         from handtrack.session.session import Session
 
         Session.open(folder)  # says what is missing
-    if args.port is not None:
-        choose_port(args.host, args.port)  # says what is wrong with it before anything starts
+    return _open(options, folder, live=live)
+
+
+def open_demo(options: ServerOptions) -> int:
+    """Serve the workbench on a recording that is tracked already, until Ctrl-C."""
+    return _open(options, demo_session(), demo=True)
+
+
+def _open(
+    options: ServerOptions, folder: Path, demo: bool = False, live: LiveOptions | None = None
+) -> int:
+    if options.port is not None:
+        choose_port(options.host, options.port)  # says what is wrong with it before anything starts
     use_one_arena()
-    web = _serve(args, folder, demo, live)
-    return 0 if web is None else _start(args, web)
+    web = _serve(options, folder, demo, live)
+    return 0 if web is None else _choose(options, web)
 
 
-def _start(args: argparse.Namespace, web: WebServer | None = None) -> int:
-    """Serve start page and workbench in turns until Ctrl-C. web: of the page before; the browser's page goes on there."""
+def start(options: ServerOptions) -> int:
+    """Serve start page and workbench in turns until Ctrl-C."""
+    return _choose(options)
+
+
+def _choose(options: ServerOptions, web: WebServer | None = None) -> int:
+    """See `start`. web: of the page before; the browser's page goes on there."""
     from handtrack_app.start.start_page import choose_recording
 
-    port = FIRST_PORT if args.port is None else args.port
+    port = FIRST_PORT if options.port is None else options.port
     use_one_arena()
     told = ""
     while True:
         port, token = (port, None) if web is None else (web.port, web.token)
-        chosen = choose_recording(args.host, port, not args.no_browser, token, told)
+        chosen = choose_recording(options.host, port, not options.no_browser, token, told)
         if chosen is None:
             return 0
         folder, web = chosen
         try:
-            web = _serve(args, folder, web=web)
+            web = _serve(options, folder, web=web)
             told = ""
         except HandtrackError as error:  # the page says so, and another may be chosen
             told = str(error)
@@ -66,43 +103,42 @@ def _start(args: argparse.Namespace, web: WebServer | None = None) -> int:
 
 
 def _serve(
-    args: argparse.Namespace,
+    options: ServerOptions,
     folder: Path,
     demo: bool = False,
     live: LiveOptions | None = None,
     web: WebServer | None = None,
 ) -> WebServer | None:
     """Serve the workbench; return its web server where somebody wants another recording. web: of the page before."""
-    memory = memory_limit(args.memory)
+    memory = memory_limit(options.memory)
     say("handtrack: starting the workbench …")
     if not demo:
         remember(folder)
     child = EngineChild(ENGINE_LOG)  # its imports take longest: they run beside those of the page
-    take_over = not demo and getattr(args, "take_over", False)
-    plan = EnginePlan(folder, live, args.rerun, take_over, memory=memory)
-    port = FIRST_PORT if args.port is None else args.port
+    plan = EnginePlan(folder, live, options.rerun, options.take_over, memory=memory)
+    port = FIRST_PORT if options.port is None else options.port
     port, token = (port, None) if web is None else (web.port, web.token)
     try:
         from handtrack_app.workbench import run_workbench
 
-        return run_workbench(plan, child, args.host, port, not args.no_browser, demo, token)
+        return run_workbench(plan, child, options.host, port, not options.no_browser, demo, token)
     finally:
         child.kill()
 
 
-def live_options(args: argparse.Namespace) -> LiveOptions | None:
+def live_options(options: OpenOptions) -> LiveOptions | None:
     """Return what was said of running cameras; None without --live. Raises HandtrackError."""
-    if not args.live:
-        if args.camera or args.record is not None:
+    if not options.live:
+        if options.camera or options.record is not None:
             raise HandtrackError(
                 "--camera and --record go with --live only: add it, or leave them out."
             )
         return None
-    if args.session is None:
+    if options.session is None:
         raise HandtrackError(
             "--live needs calibrated cameras: name a session folder, or a folder with a calibration.toml, as in "
             "`handtrack open FOLDER --live`."
         )
-    if args.record is not None:
-        check_new(args.record, "--record")
-    return LiveOptions(args.camera, args.tolerance_ms * 1e-3, args.record)
+    if options.record is not None:
+        check_new(options.record, "--record")
+    return LiveOptions(options.camera, options.tolerance_ms * 1e-3, options.record)

@@ -4,7 +4,9 @@ import json
 import os
 import shutil
 import subprocess
+from argparse import _SubParsersAction
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,7 @@ from handtrack import bundled_session, read_npz, write_npz
 from handtrack.export.registry import export_format
 from handtrack.model.model_file import scale_table
 from handtrack.session.bundled import demo_session
+from handtrack_app.cli import COMMANDS, build_parser, function_of
 from handtrack_app.commands import track as track_command
 from tests.conftest import REPOSITORY
 from tests.export.sequences import sample_sequence
@@ -35,6 +38,15 @@ def test_without_a_command_the_bundled_session_opens(handtrack, monkeypatch):
     handtrack.does("open", bundled_session(), "--rerun")
     assert opened["rerun"] is True
     assert "Did you mean 'track'?" in handtrack("trak").err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_takes_its_options_by_name(command):
+    (commands,) = (a for a in build_parser()._actions if isinstance(a, _SubParsersAction))
+    options = {one.dest for one in commands.choices[command]._actions} - {"help", "action"}
+    taken = signature(function_of(command)[1]).parameters
+    needed = {name for name, one in taken.items() if one.default is one.empty}
+    assert needed - {"command"} <= options <= set(taken)
 
 
 def test_a_mistake_of_ours_is_told_as_one(handtrack, monkeypatch, session):

@@ -109,8 +109,10 @@ class OneHand(FakeDetector):
 def test_the_side_is_seen_and_what_follows_is_done(handtrack, tmp_path, monkeypatch):
     done = []
     monkeypatch.setattr(HandDetector, "open", lambda *_: OneHand())
-    monkeypatch.setattr(detection, "detect", lambda a: done.append((a.session, a.write, a.masks)))
-    monkeypatch.setattr(track, "run", lambda a: done.append((a.session, a.init)))
+    monkeypatch.setattr(
+        detection, "detect", lambda session, write, masks: done.append((session, write, masks))
+    )
+    monkeypatch.setattr(track, "run", lambda session, init: done.append((session, init)))
     monkeypatch.setattr(weights, "has_weights", lambda: False)
     monkeypatch.setattr(weights, "fetch_weights", lambda: done.append("fetched"))
     images = ["--images", f"cam0={pictures(tmp_path / 'left', 3)}", "--fps", 30]
@@ -137,7 +139,7 @@ def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_m
     done = []
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
     monkeypatch.delenv("HANDTRACK_DETECTOR", raising=False)
-    monkeypatch.setattr(track, "run", lambda args: done.append(args.init))
+    monkeypatch.setattr(track, "run", lambda session, init: done.append(init))
     film = clip(tmp_path / "a.avi", 3, SIZE)
     words = new(tmp_path / "made", "--video", f"cam0={film}", "--track")
     refused(handtrack, tmp_path, [*words, "--detector", CALIBRATION], ["calibration.toml"])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +35,40 @@ from handtrack_app.commands.new_session.recordings import (
 from handtrack_app.commands.terminal.output import can_ask, confirmed, question, say
 
 
+@dataclass(frozen=True)
+class NewOptions:
+    """Options of `handtrack new`."""
+
+    out: Path
+    folder: str | None
+    project: Path | None
+    calibration: list[Path]
+    video: Mapping[str, str]
+    images: Mapping[str, str]
+    depth: Mapping[str, str]
+    depth_scale: float | None
+    keypoints: Mapping[str, str]
+    layout: str | None
+    person: int | None
+    model: str | None
+    truth: Path | None
+    name: str
+    side: str | None
+    detector: Path | None
+    track: bool
+    fps: float | None
+    world_unit_m: float | None
+    names: Path | None
+    lens: str | None
+    link: bool
+    yes: bool
+    scaled: bool
+    masks: str | None
+    json: bool
+
+
 def given_rig(
-    args: argparse.Namespace,
+    options: NewOptions,
     sizes: Mapping[str, tuple[int, int]],
     cameras: Sequence[str],
     subject: GivenSubject,
@@ -44,15 +76,14 @@ def given_rig(
     """Return all cameras of the calibration, with the recording's names, in metres; the subject with its joints in their images;
     which of them are pinhole views of other lenses; and what was assumed, in sentences.
 
-    args: with the files of the calibration, its unit and lens as the user says them, and whether proposals are taken without
-    asking. sizes: [px] of the recorded cameras' images, where there are some. subject: what is tracked, with its joints. Raises
+    sizes: [px] of the recorded cameras' images, where there are some. subject: what is tracked, with its joints. Raises
     HandtrackError where something cannot be known.
     """
-    paths, unit_m = args.calibration, args.world_unit_m
+    paths, unit_m = options.calibration, options.world_unit_m
     where = " and ".join(map(str, paths))
     try:
         given, assumed = named(read_calibration(paths), cameras, where)
-        given = _with_lens(given, args.lens, where)
+        given = _with_lens(given, options.lens, where)
         given = sized(given, sizes, where)
         shown, views = pinholes(given, joint_regions(subject, given))
         subject = subject_in_views(subject, views)
@@ -62,7 +93,7 @@ def given_rig(
         chosen = (
             found.unit_m
             if found.sure and found.unit_m
-            else _asked(found, where, args.yes, subject.kind.word)
+            else _asked(found, where, options.yes, subject.kind.word)
         )
         rig = shown.rig(chosen)
     except HandtrackError as error:
@@ -230,28 +261,31 @@ def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
 # ---- A project of another program (`handtrack new --project`)
 
 
-def with_project(args: argparse.Namespace) -> Pose2SimProject | None:
-    """Fill in the options of `handtrack new` that the user left open by the project's folder. Raises HandtrackError."""
-    if args.folder is not None:
+def with_project(options: NewOptions) -> tuple[NewOptions, Pose2SimProject | None]:
+    """Return the options, with those that the user left open filled in by the project's folder. Raises HandtrackError."""
+    if options.folder is not None:
         raise HandtrackError(
-            f"unexpected '{args.folder}'. For a Pose2Sim project or trial, write --project {args.folder}; a camera's video is given "
+            f"unexpected '{options.folder}'. For a Pose2Sim project or trial, write --project {options.folder}; a camera's video is given "
             "with --video CAMERA=FILE."
         )
-    if args.project is None:
-        if not args.calibration:
+    if options.project is None:
+        if not options.calibration:
             raise HandtrackError(
                 "give the cameras with --calibration FILE, or a Pose2Sim project with --project FOLDER."
             )
-        return None
-    if len(args.calibration) > 1:
+        return options, None
+    if len(options.calibration) > 1:
         raise HandtrackError("--project: expected one --calibration at most.")
-    project = read_pose2sim(args.project, next(iter(args.calibration), None))
-    args.calibration = [project.calibration]
-    args.video = _filled(args.video, project.videos)
-    args.images = _filled(args.images, project.images)
-    args.keypoints = _filled(args.keypoints, project.keypoints)
-    args.fps = project.fps if args.fps is None else args.fps
-    return project
+    project = read_pose2sim(options.project, next(iter(options.calibration), None))
+    filled = replace(
+        options,
+        calibration=[project.calibration],
+        video=_filled(options.video, project.videos),
+        images=_filled(options.images, project.images),
+        keypoints=_filled(options.keypoints, project.keypoints),
+        fps=project.fps if options.fps is None else options.fps,
+    )
+    return filled, project
 
 
 def _filled(given: Mapping[str, str], found: Mapping[str, object]) -> dict[str, str]:

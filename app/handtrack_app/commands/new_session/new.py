@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -30,9 +29,11 @@ from handtrack.session.session_file import (
     SessionFile,
     write_session_file,
 )
+from handtrack_app.cli import main
 from handtrack_app.commands.new_session.given import (
     USUAL,
     USUAL_MODELS,
+    NewOptions,
     check_detector,
     definition_of,
     given_rig,
@@ -63,44 +64,52 @@ _MOST = 0.5
 _WITHOUT_JOINTS = "skin_ycrcb"
 
 
-def make_session(args: argparse.Namespace) -> int:
+def make_session(options: NewOptions) -> int:
     """Make the folder; whatever is wrong is found before anything is written."""
-    project = with_project(args)
-    recorded = recorded_cameras(args.video, args.images, args.depth, args.keypoints)
-    _check_depth(recorded, args.depth_scale)
-    check_new(args.out)
+    options, project = with_project(options)
+    recorded = recorded_cameras(options.video, options.images, options.depth, options.keypoints)
+    _check_depth(recorded, options.depth_scale)
+    check_new(options.out)
     definition = kind = None
-    if args.model is not None:
-        definition = definition_of(args.model)
-        kind = BODY if load_model(args.model).kind == "body" else HAND
+    if options.model is not None:
+        definition = definition_of(options.model)
+        kind = BODY if load_model(options.model).kind == "body" else HAND
     try:
-        names = {} if args.names is None else names_of_table(args.names)
+        names = {} if options.names is None else names_of_table(options.names)
         likely = None if project is None else project.layout
-        subject = given_subject(recorded, args, kind, names, likely)
+        subject = given_subject(
+            recorded,
+            kind,
+            names,
+            likely,
+            side=options.side,
+            layout=options.layout,
+            person=options.person,
+        )
     except UnknownPoints as error:
-        table = args.out.resolve().with_name(f"{args.out.resolve().name}-names.toml")
-        if args.names is None and not table.exists():
+        table = options.out.resolve().with_name(f"{options.out.resolve().name}-names.toml")
+        if options.names is None and not table.exists():
             table.write_text(table_to_fill_in(error.names), encoding="utf-8")
         raise HandtrackError(f"{error} Fill in {table}, and give it with --names.") from None
     is_hand = subject.kind is HAND
-    said = (args.side or subject.side) if is_hand else None
+    said = (options.side or subject.side) if is_hand else None
     side = said or USUAL
-    truth, note = (None, "") if args.truth is None else import_truth(args.truth, side)
-    rig, subject, views, notes = given_rig(args, _sizes(recorded), list(recorded), subject)
+    truth, note = (None, "") if options.truth is None else import_truth(options.truth, side)
+    rig, subject, views, notes = given_rig(options, _sizes(recorded), list(recorded), subject)
     joints = subject.joints
     recorded = in_views(recorded, views)
     sizes = _sizes(recorded)
     seen = [name for name, cam in recorded.items() if is_hand and cam.images and name not in joints]
     rig, padded = without_padding(rig, recorded)
-    _check_cameras(recorded, rig, args)
-    fps, own = _frame_rates(args.fps, recorded)
-    missing = check_detector(args.detector, args.track and bool(seen), args.yes)
+    _check_cameras(recorded, rig, options)
+    fps, own = _frame_rates(options.fps, recorded)
+    missing = check_detector(options.detector, options.track and bool(seen), options.yes)
     scaled = {name: size for name, size in sizes.items() if size != rig[name].size}
-    if args.masks == Seeded.name and args.track and seen and missing:
+    if options.masks == Seeded.name and options.track and seen and missing:
         raise HandtrackError(
-            f"--masks {args.masks}: masks by joints, and there are none: {missing}"
+            f"--masks {options.masks}: masks by joints, and there are none: {missing}"
         )
-    method, masks = args.masks or (_WITHOUT_JOINTS if is_hand else "none"), None
+    method, masks = options.masks or (_WITHOUT_JOINTS if is_hand else "none"), None
     if method != "none":
         masks = read_table(METHODS[method], {}, f"--masks {method}")
     files, roots = dict[str, Path](), list[Path]()
@@ -108,7 +117,7 @@ def make_session(args: argparse.Namespace) -> int:
     def setting(given: Given | None, place: str) -> str | None:
         if given is None:
             return None
-        if args.link:
+        if options.link:
             text, root = linked_setting(given)
             roots.append(root)
             return text
@@ -126,7 +135,7 @@ def make_session(args: argparse.Namespace) -> int:
             lens=LensSettings.of(views[name]) if name in views and cam.images else None,
             image_size=scaled.get(name),
             depth=setting(cam.depth, f"depth/{_place(i, name)}"),
-            depth_scale_m=args.depth_scale if cam.depth else None,
+            depth_scale_m=options.depth_scale if cam.depth else None,
             keypoints=f"joints/{_place(i, name)}/*.json" if name in joints else None,
             keypoint_layout=joints[name].layout(side) if name in joints else None,
             fps=own.get(name),
@@ -135,13 +144,13 @@ def make_session(args: argparse.Namespace) -> int:
         for i, (name, cam) in enumerate(recorded.items())
     )
     deep = tuple(camera.name for camera in cameras if camera.depth)
-    recording = RecordingSettings(args.name or args.out.resolve().name, fps)
+    recording = RecordingSettings(options.name or options.out.resolve().name, fps)
     clouds = CloudSettings(depth=deep) if deep else None
     told = () if project is None else project.notes
     for text in (*told, *notes, *padded, note):
         if text:
             say(text)
-    with new_folder(args.out) as folder:
+    with new_folder(options.out) as folder:
         write_rig(folder / CALIBRATION_FILE, rig)
         copied(files, folder)
         for i, name in enumerate(recorded):
@@ -150,7 +159,7 @@ def make_session(args: argparse.Namespace) -> int:
                 joints[name].write(folder / "joints" / _place(i, name), side, size)
         if truth is not None:
             write_truth(folder / TRUTH_FILE, truth)
-        model = args.model or USUAL_MODELS[subject.kind]
+        model = options.model or USUAL_MODELS[subject.kind]
         if definition is not None:
             model = definition.name
             copied({model: definition}, folder)
@@ -165,43 +174,43 @@ def make_session(args: argparse.Namespace) -> int:
         for text in session.warnings:
             say(f"note: {text}")
         if said is None and seen and not joints and not missing:
-            found = side_of_hand(session, args.detector, args.yes)
+            found = side_of_hand(session, options.detector, options.yes)
             file = replace(file, hand=replace(hand, side=found))
-        if args.masks is None and is_hand:
+        if options.masks is None and is_hand:
             file = _with_masks_by_joints(file, session, joints)
         write_session_file(folder / SESSION_FILE, file)
     if roots:
-        allow_links(args.out, roots)
-    made = f"session of {len(cameras)} cameras and {count} frames of a {subject.kind.word} in {args.out}."
-    if not args.track:
-        if seen and args.masks in (None, Seeded.name) and not missing:
+        allow_links(options.out, roots)
+    made = f"session of {len(cameras)} cameras and {count} frames of a {subject.kind.word} in {options.out}."
+    if not options.track:
+        if seen and options.masks in (None, Seeded.name) and not missing:
             say(
-                f"Joints, and masks by them, are found with: handtrack detect {args.out} --write --masks"
+                f"Joints, and masks by them, are found with: handtrack detect {options.out} --write --masks"
             )
         told = {
-            "session": args.out,
+            "session": options.out,
             "cameras": [camera.name for camera in cameras],
             "frames": count,
             "model": hand.model,
         }
         answer(
-            args,
+            options.json,
             told,
-            f"{made} Look at it with: handtrack doctor {args.out}; then track it with: handtrack track {args.out} --init auto, "
-            f"or pose the {subject.kind.word} by hand with: handtrack open {args.out}",
+            f"{made} Look at it with: handtrack doctor {options.out}; then track it with: handtrack track {options.out} --init auto, "
+            f"or pose the {subject.kind.word} by hand with: handtrack open {options.out}",
         )
         return 0
     say(made)
-    on = ["--yes"] * args.yes + ["--json"] * args.json
-    args.then = [["track", str(args.out), "--init", "auto", *on]]
+    on = ["--yes"] * options.yes + ["--json"] * options.json
+    then = [["track", str(options.out), "--init", "auto", *on]]
     if seen and missing:
         say(f"note: {missing}")
     elif seen:
-        weights = [] if args.detector is None else ["--weights", str(args.detector)]
+        weights = [] if options.detector is None else ["--weights", str(options.detector)]
         chosen = [word for name in seen for word in ("--camera", name)]
-        masks = ["--masks"] if args.masks is None else []
-        args.then.insert(0, ["detect", str(args.out), "--write", *masks, *chosen, *weights])
-    return 0
+        masks = ["--masks"] if options.masks is None else []
+        then.insert(0, ["detect", str(options.out), "--write", *masks, *chosen, *weights])
+    return next(filter(None, map(main, then)), 0)
 
 
 def _sizes(recorded: Mapping[str, Recorded]) -> dict[str, tuple[int, int]]:
@@ -225,19 +234,17 @@ def _with_masks_by_joints(
     return replace(file, cameras=tuple(changed))
 
 
-def _check_cameras(
-    recorded: Mapping[str, Recorded], rig: CameraRig, args: argparse.Namespace
-) -> None:
+def _check_cameras(recorded: Mapping[str, Recorded], rig: CameraRig, options: NewOptions) -> None:
     """Raise HandtrackError for a camera that the calibration lacks, or whose images are not of its size."""
     for name, cam in recorded.items():
         if name not in rig:
             given = cam.images or cam.depth
             where = f"--keypoints {name}={cam.keypoints}" if given is None else given.where
             raise HandtrackError(
-                f"{where}: {' and '.join(map(str, args.calibration))} has no camera '{name}'; cameras there: "
+                f"{where}: {' and '.join(map(str, options.calibration))} has no camera '{name}'; cameras there: "
                 f"{', '.join(rig.names)}."
             )
-        check_sizes(cam, rig[name], args.scaled)
+        check_sizes(cam, rig[name], options.scaled)
 
 
 def _check_depth(recorded: Mapping[str, Recorded], scale: float | None) -> None:
@@ -283,16 +290,16 @@ def _place(index: int, camera: str) -> str:
 # ---- `handtrack sample`: a recording that comes with the program, as files
 
 
-def save_sample(args: argparse.Namespace) -> int:
+def save_sample(name: str, to: Path, json: bool) -> int:
     """Write the sample into a new folder and name what is in it."""
-    if args.name not in sample_names():  # before anything is made
-        raise unknown_name("sample", args.name, sample_names())
-    check_new(args.to, "--to")
-    with new_folder(args.to) as folder:
-        files = [path.relative_to(folder) for path in write_sample(args.name, folder)]
+    if name not in sample_names():  # before anything is made
+        raise unknown_name("sample", name, sample_names())
+    check_new(to, "--to")
+    with new_folder(to) as folder:
+        files = [path.relative_to(folder) for path in write_sample(name, folder)]
     shown = ", ".join(map(str, files[:6])) + (" …" if len(files) > 6 else "")
-    words = [f"{len(files)} files in {args.to}: {shown}"]
-    if args.name != TWO_VIDEOS:
-        words.append(f"Open it with: handtrack open {args.to}")
-    answer(args, {"sample": args.name, "folder": args.to, "files": files}, *words)
+    words = [f"{len(files)} files in {to}: {shown}"]
+    if name != TWO_VIDEOS:
+        words.append(f"Open it with: handtrack open {to}")
+    answer(json, {"sample": name, "folder": to, "files": files}, *words)
     return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import glob
 import os
 import shutil
@@ -339,28 +338,33 @@ def _in_view(points: Floats[N, D3], seen: LensView) -> Floats[N, D3]:
 
 def given_subject(
     recorded: Mapping[str, Recorded],
-    args: argparse.Namespace,
     kind: Subject | None,
     names: Mapping[str, str],
     likely: str | None,
+    *,
+    side: str | None,
+    layout: str | None,
+    person: int | None,
 ) -> GivenSubject:
     """Return what is tracked, with its joints by camera. Raises HandtrackError where that is open, or cameras differ in it.
 
-    args: with the side, layout and person that the user said. kind: of the model that was named. names: our joints of a file's
-    own points. likely: the layout that a project's settings say; it decides what joints leave open.
+    kind: of the model that was named. names: our joints of a file's own points. likely: the layout that a project's settings say;
+    it decides what joints leave open. side, layout, person: that the user said.
     """
-    if args.layout is not None and args.layout not in LAYOUTS:
-        raise unknown_name("layout of joints", args.layout, tuple(LAYOUTS), "--layout")
+    if layout is not None and layout not in LAYOUTS:
+        raise unknown_name("layout of joints", layout, tuple(LAYOUTS), "--layout")
     given = {
         name: (f"--keypoints {name}={cam.keypoints}", cam.keypoints)
         for name, cam in recorded.items()
         if cam.keypoints is not None
     }
     read = {n: (w, read_joints(text, w, names, n)) for n, (w, text) in given.items()}
-    kind = kind or _kind(args, read)
-    _check_wished(args, kind, read)
+    kind = kind or _kind(read, side, layout, person)
+    _check_wished(kind, read, layout, person)
     found = {
-        name: _person(one, where, args, likely) if kind is BODY else _hand(one, where, args.side)
+        name: _person(one, where, likely, layout, person)
+        if kind is BODY
+        else _hand(one, where, side)
         for name, (where, one) in read.items()
     }
     sides = {joints.side: joints for joints in found.values() if joints.side}
@@ -396,13 +400,18 @@ def table_to_fill_in(points: Sequence[str]) -> str:
     return "\n".join([*lines, *(f'{joint} = ""' for joint in JOINTS)]) + "\n"
 
 
-def _kind(args: argparse.Namespace, read: Mapping[str, tuple[str, ImportedJoints]]) -> Subject:
+def _kind(
+    read: Mapping[str, tuple[str, ImportedJoints]],
+    side: str | None,
+    layout: str | None,
+    person: int | None,
+) -> Subject:
     """Return whether a hand or a body is tracked: as the user says, else what the files have alone."""
-    if args.layout is not None:
-        return BODY if is_body(LAYOUTS[args.layout]) else HAND
-    if args.side is not None:
+    if layout is not None:
+        return BODY if is_body(LAYOUTS[layout]) else HAND
+    if side is not None:
         return HAND
-    if args.person is not None:
+    if person is not None:
         return BODY
     by_kind = {
         HAND: [where for where, one in read.values() if one.has_hand or one.bodies is None],
@@ -418,19 +427,17 @@ def _kind(args: argparse.Namespace, read: Mapping[str, tuple[str, ImportedJoints
     return BODY if by_kind[BODY] else HAND
 
 
-def _check_wished(args: argparse.Namespace, kind: Subject, read: Mapping[str, object]) -> None:
+def _check_wished(
+    kind: Subject, read: Mapping[str, object], layout: str | None, person: int | None
+) -> None:
     """Raise HandtrackError for words that do not belong to what is tracked, or to joints that are not given."""
-    for option, value in (("--layout", args.layout), ("--person", args.person)):
+    for option, value in (("--layout", layout), ("--person", person)):
         if value is not None and not read:
             raise HandtrackError(f"{option} {value} needs --keypoints, which are not given.")
-    if kind is HAND and args.person is not None:
-        raise HandtrackError(
-            f"--person {args.person} applies to bodies; choose a hand with --side."
-        )
-    if args.layout is not None and is_body(LAYOUTS[args.layout]) != (kind is BODY):
-        raise HandtrackError(
-            f"--layout {args.layout} is not of a {kind.word}, which is to be tracked."
-        )
+    if kind is HAND and person is not None:
+        raise HandtrackError(f"--person {person} applies to bodies; choose a hand with --side.")
+    if layout is not None and is_body(LAYOUTS[layout]) != (kind is BODY):
+        raise HandtrackError(f"--layout {layout} is not of a {kind.word}, which is to be tracked.")
 
 
 def _hand(given: ImportedJoints, where: str, side: str | None) -> CameraJoints:
@@ -441,21 +448,23 @@ def _hand(given: ImportedJoints, where: str, side: str | None) -> CameraJoints:
 
 
 def _person(
-    given: ImportedJoints, where: str, args: argparse.Namespace, likely: str | None
+    given: ImportedJoints, where: str, likely: str | None, layout: str | None, person: int | None
 ) -> CameraJoints:
     bodies = given.bodies
     if bodies is None:
         raise HandtrackError(f"{where}: no body in any frame.")
-    layout = layout_of(bodies, args.layout, where, likely)
+    layout = layout_of(bodies, layout, where, likely)
     everybody = people(bodies.frames)
-    number = args.person or 1
+    number = person or 1
     if number > len(everybody):
         raise HandtrackError(
             f"--person {number}: {where} has {len(everybody)} {'person' if len(everybody) == 1 else 'people'}; expected at most {len(everybody)}."
         )
     what, notes = f"{given.family}, a body ({layout})", ()
     if len(everybody) > 1:
-        what += f", {'the tallest one present throughout' if args.person is None else f'person {number}'}"
+        what += (
+            f", {'the tallest one present throughout' if person is None else f'person {number}'}"
+        )
         others = ", ".join(str(len(p)) for p in everybody[:4] if p is not everybody[number - 1])
         notes = (
             f"{where}: {len(everybody)} people; others are in {others} frames (--person chooses one).",

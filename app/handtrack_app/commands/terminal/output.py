@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import signal
@@ -96,9 +95,9 @@ def new_folder(folder: Path) -> Iterator[Path]:
 # ---- What a command answers: a sentence or two for people, or one JSON object for programs
 
 
-def answer(args: argparse.Namespace, table: Mapping[str, object], *lines: str) -> None:
-    """Print the lines on stdout, or the table as JSON where `--json` is given. Notes go to stderr (`say`) either way."""
-    text = json.dumps(table, indent=1, default=str) if args.json else "\n".join(lines)
+def answer(as_json: bool, table: Mapping[str, object], *lines: str) -> None:
+    """Print the lines on stdout, or the table as JSON for `--json`. Notes go to stderr (`say`) either way."""
+    text = json.dumps(table, indent=1, default=str) if as_json else "\n".join(lines)
     if text:
         print(text, flush=True)
 

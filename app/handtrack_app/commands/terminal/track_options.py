@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from handtrack.errors import HandtrackError, listed_names
@@ -31,19 +31,32 @@ _SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
 _UNUSUAL = ("edges", "intensity")  # off unless they are asked for
 
 
+@dataclass(frozen=True, kw_only=True)
+class TrackingOptions:
+    """Options of every command that tracks a session."""
+
+    session: Path
+    init: str | None
+    yes: bool
+    frames: str | None
+    use: str | None
+    set: list[str]
+    person: Path | None
+
+
 def asked_for(
-    args: argparse.Namespace, more: Mapping[str, object]
+    options: TrackingOptions, more: Mapping[str, object]
 ) -> tuple[Session, dict[str, object], TrackerSettings, FirstPose | None]:
     """Return the session of a command that tracks, with a person's shape; what is set otherwise than in it; the settings in force; and
     the first pose of --init. more: settings that other options set. Raises HandtrackError where nothing can be tracked so.
     """
-    session = Session.open(args.session)
-    session = session if args.person is None else session.with_person(args.person)
-    overrides = {**parse_settings(args.set), **more}
-    overrides |= parse_sources(args.use, session.settings.with_values(overrides))
+    session = Session.open(options.session)
+    session = session if options.person is None else session.with_person(options.person)
+    overrides = {**parse_settings(options.set), **more}
+    overrides |= parse_sources(options.use, session.settings.with_values(overrides))
     settings = session.settings.with_values(overrides)
-    check_seen(session, settings, args.use)
-    return session, overrides, settings, first_pose(args.init, session, settings)
+    check_seen(session, settings, options.use)
+    return session, overrides, settings, first_pose(options.init, session, settings)
 
 
 def parse_settings(pairs: Sequence[str]) -> dict[str, str]:
@@ -159,12 +172,11 @@ def parse_frames(text: str | None, frames: range, folder: Path) -> range:
     return range(first, last)
 
 
-def check_recording(args: argparse.Namespace, frames: range) -> None:
+def check_recording(closely: int | None, goes_somewhere: bool, frames: range) -> None:
     """Raise HandtrackError for options of rerun that do not go together."""
-    closely = args.rerun_frame
     if closely is None:
         return
-    if not (args.rerun or args.rerun_save):
+    if not goes_somewhere:
         raise HandtrackError(
             f"--rerun-frame {closely}: it needs --rerun or --rerun-save FILE.rrd, where its iterations go."
         )
