@@ -151,6 +151,7 @@ class PageLayout:
         with timeline:
             self.next = NextStep(page, self.tracking, self.guesses, self.review)
         self.review.moved = self.next.show
+        self.tracking.followed = self.show_hidden
         self.timeline = TimelinePanel(page, timeline, session, strip)
         self.timeline.moved = self.plots.draw
         below.float(x=16, y=-16, width=560)
@@ -207,11 +208,12 @@ class PageLayout:
         put(self.aside, visible=pose.origin == BEFORE)
 
     def show_hidden(self) -> None:
-        """Show the pose in tabs behind others, too, once no tracked frames pass by."""
+        """Show the pose in tabs behind others and closed groups, too, once no tracked frames pass by."""
         pose, waits = self.pose.pose, self.page.state.passes
         put(self.certainty, content=_WAITS if waits else certainty_table(self.pose.names, pose.std))
         if not waits:
             self.limits.show(pose)
+            self.pose.move_sliders(hidden=True)
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Show the recording at a glance."""

@@ -68,11 +68,15 @@ def test_tracked_frames_move_what_is_on_the_screen_and_the_hand_follows_a_slider
         layout.pose.open("Ring")
         assert hidden.value != before[1]
         with WireClient(bench.url) as client:
+            eventually(lambda: layout.progress.done == 4)  # it is stuck at the next one
+            client.set_value(layout.tracking.follow, False)
+            angle = np.rad2deg(value_of(bench.state, "index_mcp_flex"))
+            eventually(lambda: abs(slider.value - angle) < 0.1)
+            assert limit._marks != before[2] and "waits" not in layout.certainty.content
             for k in range(10):
                 sent = client.set_value(slider, 10.0 + 0.5 * k)
                 assert client.wait_for(sent, "/hand/flesh", "batched_positions") is not None
         assert layout.tracking.progress.state == "tracking"
-        assert limit._marks != before[2] and "waits" not in layout.certainty.content
 
 
 def test_a_pose_that_comes_late_leads_nobody_back_to_its_frame(bench, monkeypatch):
@@ -119,7 +123,7 @@ def test_c42_two_pages_edit_and_the_last_edit_stands(bench, pages):
 
 
 def test_each_page_looks_through_a_camera_of_its_own(bench):
-    view = bench.layout.session
+    view, painted = bench.layout.session, bench.stage.looking.pictures
     with WireClient(bench.url) as one, WireClient(bench.url) as other:
         eventually(lambda: len(bench.server.get_clients()) == 2)
         other.set_value(view.through, "side")
@@ -130,17 +134,15 @@ def test_each_page_looks_through_a_camera_of_its_own(bench):
         other.set_value(view.paint, "nothing")
         eventually(lambda: _shown(one, "/screen"))
         wanted = (("front", "outline"), ("side", "plain"))
-        eventually(lambda: bench.stage.looking.pictures(None) == wanted)
+        eventually(lambda: painted(None) == wanted)
         assert bench.state.display.paint == "plain", "of the small pictures: the last choice"
         other.set_value(view.view, "Everything")
         eventually(lambda: _shown(other, "/cameras"))
         eventually(lambda: _shown(other, "/screen") is False)
         assert told_value(other, view.through) == "orbit view" and _shown(one, "/screen")
         other.set_value(view.through, "side")
-        eventually(lambda: bench.stage.looking.pictures(None) == wanted)
-    eventually(
-        lambda: bench.stage.looking.pictures(None) == ()
-    )  # of pages that went none is painted
+        eventually(lambda: painted(None) == wanted)
+    eventually(lambda: painted(None) == ())  # of pages that went none is painted
     assert bench.web.messages.refused == 0
 
 
@@ -155,16 +157,16 @@ def _status(bench):
 
 
 def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
-    layout = bench.layout
-    eventually(lambda: layout.next.button.visible)
-    wire.set_value(layout.next.button, True)
-    eventually(lambda: all(_status(bench) >= 0) and layout.next.button.visible)
-    wire.set_value(layout.next.button, True)
+    layout, button = bench.layout, bench.layout.next.button
+    eventually(lambda: button.visible)
+    wire.set_value(button, True)
+    eventually(lambda: all(_status(bench) >= 0) and button.visible)
+    wire.set_value(button, True)
     eventually(lambda: bench.state.frame == 7)  # the doubtful frame
-    eventually(lambda: not layout.next.button.visible)  # it has done its work
+    eventually(lambda: not button.visible)  # it has done its work
     wire.set_value(layout.review.accept_next, True)
     eventually(lambda: layout.review.done == 1)
-    eventually(lambda: layout.next.button.visible)
+    eventually(lambda: button.visible)
     wire.set_value(layout.pose.edit_buttons, "Undo")
     eventually(lambda: layout.review.done == 0)
 
@@ -273,4 +275,6 @@ def test_c53_names_in_a_sessions_files_are_text(session):
     (session / "masks/cam0/000001.png").write_bytes(b"no image")  # a note names the file
     with shown(session) as bench:
         eventually(lambda: any("&lt;img" in text for text in written_in(bench.server)))
+        take = snapshots.TakeCard(1, TAG, 1)
+        bench.layout.takes.show(snapshots.WorkSnapshot("saved", (take,)))
         assert [text for text in written_in(bench.server) if TAG in text] == []

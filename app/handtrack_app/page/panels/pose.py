@@ -254,12 +254,12 @@ class PosePanel:
             self.move_sliders()
         self._show_card(pose)
 
-    def move_sliders(self) -> None:
-        """Move the sliders to the pose; while tracked frames pass by, those of the group that is open."""
+    def move_sliders(self, hidden: bool = False) -> None:
+        """Move the sliders of the group that is open to the pose; or those of all others."""
         if len(self.pose.values) != len(self.names):
             return  # of a model that is left
         for name, value in zip(self.names, self.pose.values, strict=True):
-            if self.page.state.passes and not self.folders[group_of(name)].visible:
+            if self.folders[group_of(name)].visible == hidden:
                 continue
             slider = self.sliders[name]
             shown = round(float(value) / self._unit(name), 1)

@@ -35,6 +35,7 @@ class TrackingPanel:
     progress: ProgressSnapshot
     strip: TimelineSnapshot
     starters: list[Any] = field(default_factory=list)
+    followed: Callable[[], None] = lambda: None
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer what the session's size allows."""
@@ -135,6 +136,7 @@ class TrackingPanel:
     def _follow(self, on: bool) -> None:
         self.page.state.follow = on
         self.page.engine.follow(on)
+        self.followed()
 
     def start(self, which: str) -> None:
         """Track: `all`, `here`, `range`, or as a button of the panel says."""
