@@ -676,7 +676,8 @@ def _assessed(
 
 def _unlike(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
     """Return at most so many frames, ascending: of those that are sure, or as many of the least doubtful, those whose postures differ most."""
-    sure = sorted(results, key=lambda r: (r.status != Status.TRACKED, np.nan_to_num(r.p_off_25mm)))
+    grade = {Status.TRACKED: 0, Status.LOST: 2}
+    sure = sorted(results, key=lambda r: (grade.get(r.status, 1), np.nan_to_num(r.p_off_25mm)))
     sure = sure[: max(sum(r.status == Status.TRACKED for r in sure), most)]
     joints = np.array([result.joint_positions - _middle(result) for result in sure])
     kept, far = [0] if sure else [], np.full(len(sure), np.inf)

@@ -511,7 +511,7 @@ class GuessesPanel:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %" if share >= 0.01 else "below 1 %"
+    return f"{100 * min(share, 0.99):.0f} %" if share >= 0.01 else "below 1 %"
 
 
 def _table(guesses: GuessesSnapshot) -> str:
