@@ -200,7 +200,7 @@ _BOARD = _option(
 _SERVER = (
     _option("--host", default="127.0.0.1", help="address to listen on (default: this machine only)"),
     _option("--port", type=int, help="port (default: 8080, or the next free one)"),
-    _option("--no-browser", action="store_true", help="start the workbench without opening a browser; its address is printed"),
+    _option("--no-browser", action="store_true", help="open no browser window; the address is printed"),
     _option("--rerun", action="store_true", help="also stream residuals to rerun's viewer"),
     _option("--memory", type=float, metavar="GB",
             help="most that decoding and tracking may use (default: 3/4 of this machine's)"),

@@ -207,18 +207,14 @@ def recording(masks="masks/*.png", images=None, clouds=False):
 @pytest.mark.parametrize(
     ("values", "seen", "idle"),
     [
-        ({}, {}, []),
         ({"cloud.weight": 0, "silhouettes.outline_sigma_mm": 2}, {}, []),
         ({"cloud.balance": 0.2}, {"clouds": True}, []),
         ({"cloud.balance": 0.2, "cloud.sigma_mm": 3}, {}, ["cloud.balance and cloud.sigma_mm"]),
         ({"cloud.balance": 0.2, "cloud.weight": 0}, {"clouds": True}, ["cloud.balance"]),
         ({"silhouettes.term": "conic_field"}, {"masks": None}, ["silhouettes.term"]),
         ({"edges.sigma_px": 3, "edges.weight": 1}, {}, ["edges.sigma_px"]),
-        ({"edges.sigma_px": 3, "edges.weight": 1}, {"images": "cam0.mp4"}, []),
-        ({"mixture.draws": 9, "tracker.hypotheses": 2}, {}, []),
         ({"mixture.draws": 9}, {}, ["mixture.draws"]),
         ({"model.spread_ring": 0.5}, {}, ["model.spread_ring"]),
-        ({"model.spread_ring": 0.5, "model.coupling": "18"}, {}, []),
     ],
 )
 def test_only_what_is_idle_is_named(values, seen, idle):

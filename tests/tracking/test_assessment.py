@@ -302,27 +302,15 @@ def frames(*energies, status=TRACKED, views=0, fits=False):
     [
         (90.0, 1, frames(30.0, 30.0), 1.0),  # two frames tell nothing
         (90.0, 1, frames(30.0, 30.0, 30.0), 3.0),
-        # five tracked frames are enough to go by, four are not: then those in doubt count too
+        # five tracked frames are enough to go by: those in doubt do not count
         (90.0, 1, [*frames(*[90.0] * 9, status=DOUBTFUL), *frames(*[30.0] * 5)], 3.0),
-        (90.0, 1, [*frames(*[90.0] * 26, status=DOUBTFUL), *frames(*[30.0] * 4)], 1.0),
-        # the lower quartile of the last thirty frames: a quarter of the way between the eighth and the ninth of them; then one is too old
-        (90.0, 1, [*frames(*[30.0] * 8), *frames(*[45.0] * 22)], 90.0 / 33.75),
+        # the lower quartile of the last thirty frames: one of the first eight is too old
         (90.0, 1, [*frames(*[30.0] * 8), *frames(*[45.0] * 23)], 2.0),
         # 15 a view, however little was usual
         (90.0, 3, frames(*[5.0] * 9), 2.0),
         (90.0, 3, frames(*[5.0] * 9, status=LOST), 1.0),
         # two views cost twice as much as one: that is no lost finger
         (100.0, 2, frames(*[50.0] * 9, views=1), 1.0),
-        # frames that only leave something open tell what is usual, too
-        (
-            200.0,
-            3,
-            [
-                *frames(*[100.0] * 5, status=DOUBTFUL, fits=True),
-                *frames(*[900.0] * 9, status=DOUBTFUL),
-            ],
-            2.0,
-        ),
     ],
 )
 def test_what_is_usual(energy, views, previous, expected):

@@ -170,11 +170,3 @@ def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
         assert (found is not standing) == taken, (factor, margin, start)
         assert (told[0].winner is not None) == taken
         assert places([found]) == ([2.6] if taken else [start])
-
-
-def test_it_goes_on_from_a_better_pose_as_often_as_the_row_says():
-    rounds = (Round(((grid, 0),), keep=0, fits=((half, 1),)),)
-    told = []
-    search = Search("a line", "", rounds, "distance", repeats=3)
-    improved(search, line(told.append), candidate(9.0), 7, "asked")
-    assert [report.winner is not None for report in told] == [True, False]

@@ -1,14 +1,9 @@
 """Clouds in the workbench: shown only where wanted, filtered live with counts, settings kept and saved."""
 
-import math
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handtrack.session.clouds_settings import CLOUD_SETTINGS, CloudSettings
-from handtrack_app.page.panels.cloud import CROP, STEREO, THIN
-from handtrack_app.page.panels.settings import in_file, on_page
 from handtrack_app.protocol import snapshots
 from tests.app.cloudy_session import HAND, SKIN, WALL, cloudy_session
 from tests.app.desk import working
@@ -40,20 +35,6 @@ def test_the_energys_parts_are_on_the_timeline(cloudy_desk):
     assert terms >= {snapshots.TERM + name for name in ("cloud→model", "model→cloud", "priors")}
     total = np.sum([np.nan_to_num(strip.lanes[name]) for name in terms], axis=0)
     assert_allclose(total[:2], strip.lanes[snapshots.COST][:2], rtol=1e-6)
-
-
-@pytest.mark.parametrize("name", [n for n in (*CROP, *THIN, *STEREO) if CLOUD_SETTINGS[n].slider])
-def test_a_slider_says_what_the_file_says(name):
-    known = CLOUD_SETTINGS[name]
-    assert known.slider is not None
-    low, high, step = known.slider
-    for share in (0.2, 0.5, 0.9):
-        shown = low + step * round(share * (high - low) / step)
-        assert on_page(known, in_file(known, shown)) == pytest.approx(shown, abs=1e-6)
-    if low == 0:
-        assert in_file(known, 0.0) is False
-    changed = CloudSettings(files="c/*").with_values({name: in_file(known, high)})
-    assert math.isfinite(changed.given[name])
 
 
 @pytest.mark.usefixtures("left_open")

@@ -13,7 +13,6 @@ from handtrack import Session, TrackingRun
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
-from handtrack_app.commands import track
 from handtrack_app.rerun import recorder as residual_recorder
 from handtrack_app.rerun.recorder import LiveRecorder, ResidualRecorder
 from handtrack_app.rerun.stream import log_cameras, log_space
@@ -158,26 +157,6 @@ def test_the_command_records_and_says_where(run, tmp_path, handtrack):
     assert str(path) in ended.err
     assert sorted(scalars(path, "/energy/total")) == list(FRAMES)
     assert scalars(path, "/closely/frame_1/energy/total", "iteration")
-
-
-@pytest.mark.parametrize(
-    ("at_a_terminal", "problem", "waited"), [(True, "", 1), (False, "", 0), (True, "no paint", 0)]
-)
-def test_the_viewer_stays_until_somebody_at_the_terminal_has_seen_enough(
-    monkeypatch, at_a_terminal, problem, waited
-):
-    waits, closed = [], []
-
-    def ctrl_c(_):
-        waits.append(1)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(track, "time", SimpleNamespace(sleep=ctrl_c))
-    for stream in ("stdin", "stderr"):
-        monkeypatch.setattr(f"sys.{stream}.isatty", lambda: at_a_terminal)
-    recorder = SimpleNamespace(problem=problem, url="", close=lambda: closed.append(1))
-    track._end_viewer(recorder, wait=True)
-    assert (len(waits), closed) == (waited, [1])
 
 
 def test_a_failure_while_painting_is_told(run, results, tmp_path, monkeypatch):

@@ -73,7 +73,7 @@ def _fitted(seed: int, joints: bool) -> tuple[Floats, Floats, float, float]:
     poses = [mean.transform.solver_params(results[n].parameters) for n in sure]
     subject = Subject(lambda scale: load_model(scale=scale), offsets=joints)
     scale = fit_person(subject, mean, SETTINGS, [seen[n] for n in sure], poses)
-    assert scale is not None, "cameras around tell a shape"
+    assert scale is not None  # cameras around tell a shape
     told = np.array([name != "forearm" for name in size.names])  # nobody sees one
     off = (size.deviations(scale) - deviations)[told]
     covariance = shape_covariance(size, scale)[np.ix_(told, told)]

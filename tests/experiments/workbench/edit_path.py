@@ -37,15 +37,15 @@ class Trace:
 
     def __init__(self) -> None:
         self.moved = threading.Event()
-        self.begin(False)
+        self.on = False
 
-    def begin(self, on: bool = True) -> None:
+    def begin(self) -> None:
         """Follow the next edit."""
         self.files: set[str] = set()
         self.threads: list[str] = []
         self.told: set[str] = set()
         self.moved.clear()
-        self.on = on
+        self.on = True
 
     def see(self, frame: FrameType, event: str, _: Any) -> None:
         if not self.on:
