@@ -31,6 +31,21 @@ def row(name: str, value: str) -> str:
     return f"<div class='handtrack-row'><span>{html.escape(name)}</span><b>{html.escape(value)}</b></div>"
 
 
+def line(words: str) -> str:
+    """Return a faint line (HTML) that goes with what stands above it, within a paragraph."""
+    return f"<div class='handtrack-line handtrack-faint'>{words}</div>"
+
+
+def bordered(words: str, colour: str, kind: str = "") -> str:
+    """Return a paragraph (HTML) with a border of a colour at its left. kind: a class for the style sheet."""
+    return f"<div class='handtrack-bordered {kind}' style='border-color:{colour}'>{words}</div>"
+
+
+def bar(share: float, colour: str = "#009e73") -> str:
+    """Return a bar of which a share [0, 1] is done."""
+    return f"<div class='handtrack-bar'><div style='width:{100 * share:.1f}%;background:{colour}'></div></div>"
+
+
 def chip(colour: str) -> str:
     """Return a small square of a colour."""
     return f"<span class='handtrack-chip' style='background:{colour}'></span>"
@@ -148,7 +163,7 @@ div:has(> .handtrack-next) + div .mantine-Button-root { display: inline-block !i
 .handtrack-keys kbd { flex: 0 0 7.5em; }
 [role="dialog"]:has(.handtrack-keys) { min-width: min(70em, 92vw); }
 .handtrack-bar { height: 5px; border-radius: 3px; background: rgba(128, 128, 128, .3); margin: .35em 0; }
-.handtrack-bar > div { height: 100%; border-radius: 3px; background: #009e73; }
+.handtrack-bar > div { height: 100%; border-radius: 3px; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 320px) !important; }
 /* the rail: an icon over its name, five side by side */
 div:has(> .handtrack-rail) + div [role="tablist"] { flex-wrap: nowrap !important; background-image: none !important;
@@ -206,6 +221,9 @@ body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([dat
 .handtrack-warning { color: #f0e442; }
 .handtrack-text { padding: .3em .9em; font-size: 13px; line-height: 1.4; overflow-wrap: anywhere; }
 .handtrack-faint { opacity: .85; }
+.handtrack-line { margin-top: .2em; line-height: 1.3; }
+.handtrack-bordered { margin: .3em .9em .4em; padding: .15em .6em; border-left: 3px solid; font-size: 13px; line-height: 1.4; overflow-wrap: anywhere; }
+.handtrack-number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
 .handtrack-row { display: flex; gap: .8em; justify-content: space-between; }
 .handtrack-row > b { text-align: right; font-variant-numeric: tabular-nums; }
 .handtrack-chip { display: inline-block; width: .7em; height: .7em; border-radius: 2px; margin-right: .4em; }
@@ -214,7 +232,7 @@ body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([dat
   .handtrack-counts, .handtrack-detail { display: none; }
   .handtrack-score > .handtrack-row { display: inline-flex; gap: .35em; margin-right: .8em; }
 }
-.handtrack-table { width: 100%; padding: .2em .9em; font-size: 13px; line-height: 1.4; }
+.handtrack-table { width: 100%; border-spacing: 0 1px; border-collapse: separate; padding: .2em .9em; font-size: 13px; line-height: 1.4; }
 [data-mantine-color-scheme="light"] .handtrack-warning { color: #a14a00; }
 /* a card, as of the start page and of Review: its button lies over it */
 .handtrack-card { display: flex; gap: .9em; align-items: center; height: 76px; margin: .25em .9em; font-size: 13px; line-height: 1.4; }

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import viser
 
 from handtrack_app.page.help import Help, add_work_keys
-from handtrack_app.page.html import dress, escaped
+from handtrack_app.page.html import bordered, dress, escaped, line
 from handtrack_app.page.page import DONE, GUIDE, INFO, Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.export import ExportPanel
@@ -59,10 +59,7 @@ from handtrack_app.protocol.snapshots import (
     WorkSnapshot,
 )
 
-_ASIDE = (
-    f"<div style='margin:0 .9em .4em;padding:.15em .6em;border-left:3px solid {ASIDE[1]};font-size:.9em'>"
-    "<b>Before the last step.</b> Tab shows the pose as it is.</div>"
-)
+_ASIDE = bordered("<b>Before the last step.</b> Tab shows the pose as it is.", ASIDE[1])
 """seen whatever tab is open, as the panel with the pose's card may be folded"""
 
 _WAITS = escaped("This waits while tracked frames pass by: pause, or turn off Follow.")
@@ -316,7 +313,7 @@ class Messages:
             said, standing = list(self._all), list(self._standing)
         if self.said is not None:
             put(self.said, content="".join(_words(one) for one in said) or _NONE)
-        more = f"<div style='opacity:.7'>{len(standing) - 1} more: tab Messages</div>"
+        more = line(f"{len(standing) - 1} more: tab Messages")
         if standing:
             put(self.note, content=_words(standing[-1], more if len(standing) > 1 else ""))
         put(self.note, visible=bool(standing))
@@ -327,7 +324,4 @@ def _words(notice: Notice, more: str = "") -> str:
     colour = _COLOURS.get(notice.level, "gray")
     title, text = (_FRAME.sub(_LINK, html.escape(words)) for words in (notice.title, notice.text))
     text = f"<div>{text}</div>" if text else ""
-    return (
-        f"<div class='handtrack-note' style='margin:.3em .9em .4em;padding:.15em .6em;border-left:3px solid {colour};"
-        f"font-size:.9em;line-height:1.4;overflow-wrap:anywhere'><b>{title}</b>{text}{more}</div>"
-    )
+    return bordered(f"<b>{title}</b>{text}{more}", colour, "handtrack-note")

@@ -13,7 +13,7 @@ import viser
 from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
-from handtrack_app.page.html import chip, escaped, picture, pictures, rgb
+from handtrack_app.page.html import chip, escaped, line, picture, pictures, rgb, table, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.settings import Box, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
@@ -223,15 +223,8 @@ def counts_table(cloud: CloudSnapshot) -> str:
         word = _FILTER_WORDS.get(count.name, count.name)
         rows.append(_row(word, count.text, colour, count.after, most, _lost(count)))
     rows.append(_row("for the tracker", "remaining points", KEPT, cloud.left, most, ""))
-    said = (
-        f"<div style='margin-top:.3em;opacity:.8'>{html.escape(cloud.words)}</div>"
-        if cloud.words
-        else ""
-    )
-    return (
-        f"<div style='padding:.4em .9em;font-size:.9em;line-height:1.45'><b>Cloud of frame {cloud.frame}</b>"
-        f"<table style='width:100%;border-spacing:0 1px;border-collapse:separate'>{''.join(rows)}</table>{said}</div>"
-    )
+    name = text(f"<b>Cloud of frame {cloud.frame}</b>", faint=False)
+    return name + table("".join(rows)) + escaped(cloud.words)
 
 
 def _lost(count: FilterReport) -> str:
@@ -247,8 +240,7 @@ def _row(
     return (
         f"<tr title='{html.escape(text)}' style='background:{bar}'>"
         f"<td style='padding-left:.2em'>{dot}{html.escape(word)}</td>"
-        f"<td style='text-align:right;white-space:nowrap;opacity:.75;padding-left:.4em'>{lost}</td>"
-        f"<td style='text-align:right;white-space:nowrap;padding:0 .3em 0 .5em'>{_grouped(after)}</td></tr>"
+        f"<td class='handtrack-number'>{lost}</td><td class='handtrack-number'>{_grouped(after)}</td></tr>"
     )
 
 
@@ -264,15 +256,12 @@ def ramp_legend(cloud: CloudSnapshot | None = None) -> str:
     if cloud is not None and np.isfinite(cloud.residual_mm).any():
         off = np.abs(cloud.residual_mm[np.isfinite(cloud.residual_mm)])
         middle, most = np.quantile(off, [0.5, 0.9])
-        said = (
-            f"<div style='opacity:.8'>half within {middle:.1f} mm, 90 % within {most:.1f} mm</div>"
-        )
-    return (
-        "<div style='padding:.3em .9em .4em;font-size:.9em;line-height:1.4'>"
+        said = line(f"half within {middle:.1f} mm, 90 % within {most:.1f} mm")
+    return text(
         f"<div style='height:.7em;border-radius:3px;background:linear-gradient(90deg,{stops})'></div>"
-        "<div style='display:flex;justify-content:space-between;opacity:.8'>"
-        f"<span>−{RESIDUAL_MM:.0f} mm inside</span><span>0</span><span>outside +{RESIDUAL_MM:.0f} mm</span></div>"
-        f"{said}</div>"
+        "<div class='handtrack-row handtrack-faint'>"
+        f"<span>−{RESIDUAL_MM:.0f} mm inside</span><span>0</span><span>outside +{RESIDUAL_MM:.0f} mm</span></div>{said}",
+        faint=False,
     )
 
 

@@ -13,7 +13,7 @@ import viser
 
 from handtrack.arrays import D3, Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
-from handtrack_app.page.html import chip, escaped, rgb, row, table, text
+from handtrack_app.page.html import chip, escaped, line, rgb, row, table, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import (
     PLACE,
@@ -309,9 +309,8 @@ _ORIGINS = {
     BEFORE: ASIDE,
 }
 """of poses that no status tells of: word and colour"""
-_BEFORE_WORDS = (
-    "<div style='margin-top:.2em;line-height:1.3'>You look at what was <b>before the last step</b>. Nothing is changed; "
-    "<kbd>Tab</kbd> shows what is.</div>"
+_BEFORE_WORDS = line(
+    "You look at what was <b>before the last step</b>. Nothing is changed; <kbd>Tab</kbd> shows what is."
 )
 
 
@@ -352,21 +351,18 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
     if pose.origin == BEFORE:
         rows += _BEFORE_WORDS
     if pose.accepted:
-        rows += (
-            "<div style='margin-top:.2em'><b>Accepted</b>: tracking and refining leave it.</div>"
-        )
+        rows += line("<b>Accepted</b>: tracking and refining leave it.")
     if pose.note:
         what, bracket, more = html.escape(pose.note).partition(" (")
-        rows += (
-            f"<div style='opacity:.8;line-height:1.3;margin-top:.2em' title='{html.escape(pose.note)}'>{what}"
-            f"<span class='handtrack-detail'>{bracket}{more}</span></div>"
-        )
-    return (
-        "<div class='handtrack-score' style='padding:.2em .9em .3em;font-size:.9em;line-height:1.4'>"
+        detail = f"<span class='handtrack-detail'>{bracket}{more}</span>"
+        rows += line(f"<span title='{html.escape(pose.note)}'>{what}{detail}</span>")
+    return text(
         "<div style='display:flex;justify-content:space-between;align-items:center'>"
         f"<b class='handtrack-frame' style='font-size:1.1em'>Frame {pose.frame}</b>"
         f"<span style='background:{colour};color:{ink_on(list(bytes.fromhex(colour[1:])))};border-radius:1em;padding:0 .7em'>"
-        f"{html.escape(word)}</span></div>{rows}</div>"
+        f"{html.escape(word)}</span></div>{rows}",
+        faint=False,
+        kind="handtrack-score",
     )
 
 
@@ -392,12 +388,12 @@ def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
             )
             rows += f"<tr><td></td>{titles}</tr>"
         rows += f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{_dot(group)}{group}</td>{''.join(row)}</tr>"
-    return (
-        "<div style='padding:.4em .9em;font-size:13px;line-height:1.5'>"
-        "<div style='opacity:.85;margin-bottom:.4em'>Standard deviation of each joint in this frame. "
-        "Yellow is uncertain; <b>unseen</b> is not determined by these images.</div>"
+    return text(
+        "Standard deviation of each joint in this frame. Yellow is uncertain; <b>unseen</b> is not determined by these images."
+    ) + text(
         "<table style='width:100%;table-layout:fixed;border-spacing:2px;border-collapse:separate'>"
-        f"<colgroup><col style='width:6.2em'></colgroup>{rows}</table></div>"
+        f"<colgroup><col style='width:6.2em'></colgroup>{rows}</table>",
+        faint=False,
     )
 
 
@@ -523,10 +519,7 @@ def _table(guesses: GuessesSnapshot) -> str:
         for rank, guess in enumerate(guesses.guesses)
     )
     title = _TITLES.get(guesses.kind, "")
-    return (
-        f"<div style='padding:.3em .9em;font-size:.9em;line-height:1.4'><b>{title}, frame {guesses.frame}</b>"
-        f"{rows}</div>"
-    )
+    return text(f"<b>{title}, frame {guesses.frame}</b>{rows}", faint=False)
 
 
 # ---- Pins: what holds the rest of the hand, which pins a frame has, and buttons to drop them
@@ -608,7 +601,7 @@ def pin_list(pins: tuple[PinCard, ...], near_m: float, gain: float | None = None
     """
     rows = "".join(
         f"<tr class='{'handtrack-error' if pin.off_m > near_m else ''}'><td>{html.escape(pin.words)}</td>"
-        f"<td>{html.escape(pin.camera)}</td><td style='text-align:right'>{pin.off_px:.1f} px</td></tr>"
+        f"<td>{html.escape(pin.camera)}</td><td class='handtrack-number'>{pin.off_px:.1f} px</td></tr>"
         for pin in pins
     )
     mean = sum(pin.off_px for pin in pins) / len(pins)

@@ -13,7 +13,7 @@ import viser
 from handtrack.arrays import number_runs
 from handtrack.diagnostics.review import ReviewInterval
 from handtrack.store.spans import Span
-from handtrack_app.page.html import card, picture, text
+from handtrack_app.page.html import bar, card, picture, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import TrackingPanel
@@ -219,8 +219,7 @@ class ReviewPanel:
             put(row, visible=there)
         left = len(self.stretches) - first - _ROWS
         words = f"{first} before these, {left} after" if first else f"{left} more"
-        shown = f"<div style='padding:.1em .9em .5em;font-size:.9em;opacity:.75'>{words}</div>"
-        put(self.more, content=shown if left > 0 or first else "")
+        put(self.more, content=text(words) if left > 0 or first else "")
         self.show_frame()
         self.ask()
 
@@ -262,12 +261,12 @@ def head_words(strip: TimelineSnapshot, at: int | None, done: int = 0) -> str:
         )
     count, stretches = len(strip.status), len(strip.stretches)
     total = stretches + done
-    share = 100.0 * done / total if total else 100.0
+    share = done / total if total else 1.0
     place = (
         "" if at is None or not stretches else f"Interval {min(done + at + 1, total)} of {total} · "
     )
     look = "<b>No frames of low confidence left.</b>" if not stretches else (
-        f"<b>{place}{done} of {total} accepted</b><div class='handtrack-bar'><div style='width:{share:.0f}%'></div></div>"
+        f"<b>{place}{done} of {total} accepted</b>{bar(share)}"
         "Sorted by the expected number of wrong frames."
     )  # fmt: skip
     locked_frames = len(strip.accepted)

@@ -18,6 +18,7 @@ from handtrack.setting import Setting
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import SETTINGS
 from handtrack_app import viser_internals as internals
+from handtrack_app.page.html import escaped, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
 from handtrack_app.protocol.snapshots import (
@@ -36,10 +37,7 @@ _SEEN_AS = {
 }  # fmt: skip
 """groups of settings → what they weigh"""
 _OPEN = 2  # folders of limits that are open at first
-_TOLD = "<div style='padding:0 .9em .4em;font-size:.9em;line-height:1.4;opacity:.75'>{}</div>"
-
 _FARTHEST = 3.0  # standard deviations of adults that the slider reaches
-_LIST = "<div style='padding:.2em .9em .5em;font-size:.9em;line-height:1.45'>{}</div>"
 _GROUP = "<div style='font-weight:600;margin-top:.45em;text-transform:capitalize'>{}</div>"
 _ROW = (
     "<div style='display:flex;gap:.8em;justify-content:space-between{}'><span>{}</span>"
@@ -158,7 +156,7 @@ class SettingsPanel:
             )
             if name in self.told:
                 words = html.escape(one.known.told.get(str(value), ""))
-                put(self.told[name], content=_TOLD.format(words))
+                put(self.told[name], content=text(words))
         self._show_what_counts(session)
         self.shape.fit(session)
         changed = to_be_said(session.settings, session.own_settings) if self.changed else {}
@@ -239,9 +237,10 @@ def _changed_words(changed: dict[str, object]) -> str:
     if not changed:
         return ""
     options = " ".join(f"--set {name}={_plain(value)}" for name, value in changed.items())
-    return (
-        "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4'>Changed here (•), kept with your work. "
-        f"For one run of <code>handtrack track</code>:<br><code style='overflow-wrap:anywhere'>{html.escape(options)}</code></div>"
+    return text(
+        "Changed here (•), kept with your work. "
+        f"For one run of <code>handtrack track</code>:<br><code>{html.escape(options)}</code>",
+        faint=False,
     )
 
 
@@ -310,7 +309,7 @@ def shape_list(rows: Sequence[ShapeNumber], kind: str) -> str:
             shown.append(
                 _ROW.format(_FAINT if faint else "", html.escape(row.label), html.escape(row.words))
             )
-    return _LIST.format("".join(shown))
+    return text("".join(shown), faint=False)
 
 
 @dataclass
@@ -329,8 +328,10 @@ class LimitsPanel:
         gui = self.page.gui
         with self.tab:
             gui.add_html(
-                "<div style='padding:.5em .9em .2em;font-size:.9em;opacity:.75'>How far each joint may bend, in "
-                "degrees. The orange tick is the present angle; it waits while tracked frames pass by. The solver stays inside, and so do the pose sliders.</div>"
+                escaped(
+                    "How far each joint may bend, in "
+                    "degrees. The orange tick is the present angle; it waits while tracked frames pass by. The solver stays inside, and so do the pose sliders."
+                )
             )
             self.refits.build()
             self.back = self.page.button(

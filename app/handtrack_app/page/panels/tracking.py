@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import viser
 
+from handtrack_app.page.html import table, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.protocol.snapshots import (
     COUNTED,
@@ -279,12 +280,11 @@ class LivePanel:
 def live_table(live: LiveSnapshot) -> str:
     """Return a row for each camera: images tracked, dropped, missing; and what is recorded."""
     head = "".join(
-        f"<th style='text-align:right;font-weight:400;opacity:.7'>{word}</th>"
-        for word in ("tracked", "dropped", "missing")
+        f"<td class='handtrack-number'>{word}</td>" for word in ("tracked", "dropped", "missing")
     )
     rows = "".join(
         f"<tr><td>{html.escape(name)}</td>"
-        + "".join(f"<td style='text-align:right'>{count[what]}</td>" for what in COUNTED)
+        + "".join(f"<td class='handtrack-number'>{count[what]}</td>" for what in COUNTED)
         + "</tr>"
         + (
             f"<tr><td colspan='4' style='color:#e69f00'>{html.escape(live.gone[name])}</td></tr>"
@@ -295,16 +295,13 @@ def live_table(live: LiveSnapshot) -> str:
     )
     recorded = ""
     if live.recording:
-        recorded = (
-            f"<div style='margin-top:.4em'>Recording: {live.recorded} frames in "
-            f"<span style='overflow-wrap:anywhere'>{html.escape(live.recording)}</span></div>"
+        recorded = text(
+            f"Recording: {live.recorded} frames in {html.escape(live.recording)}", faint=False
         )
-    return (
-        "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4'>"
-        f"<table style='width:100%'><tr><th></th>{head}</tr>{rows}</table>"
-        "<div style='opacity:.7;margin-top:.3em'>Images since tracking began. Dropped: they came while an earlier frame was "
-        f"still worked on.</div>{recorded}</div>"
+    said = text(
+        "Images since tracking began. Dropped: they came while an earlier frame was still worked on."
     )
+    return table(f"<tr><td></td>{head}</tr>{rows}") + said + recorded
 
 
 # ---- Takes: every tracking there was, brought back
@@ -367,4 +364,4 @@ def takes_table(work: WorkSnapshot) -> str:
             f"<tr><td style='vertical-align:top;padding-right:.8em'><b>{card.number}</b></td>"
             f"<td>{html.escape(card.words)} {shown}</td></tr>"
         )
-    return f"<table style='padding:.2em .9em;font-size:.9em;line-height:1.4'>{rows}</table>"
+    return table(rows)

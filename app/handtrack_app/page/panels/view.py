@@ -12,7 +12,7 @@ from functools import partial
 import viser
 
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.html import picture, pictures
+from handtrack_app.page.html import bar, bordered, picture, pictures
 from handtrack_app.page.page import Page, put, remembered
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.looking import ALL, Looking, Through
@@ -37,8 +37,8 @@ _STATES = {
     "paused": ("paused", "#cc79a7"),
 }
 _SAVED = {
-    "saved": "<span style='opacity:.7'>✓ All changes saved</span>",
-    "saving": "<span style='opacity:.7'>… Saving</span>",
+    "saved": "<span class='handtrack-faint'>✓ All changes saved</span>",
+    "saving": "<span class='handtrack-faint'>… Saving</span>",
     "unsaved": "<b class='handtrack-warning'>⚠ The last changes are not saved yet</b>",
     "kept nowhere": "<b class='handtrack-warning'>⚠ Read-only: nothing is saved</b>",
 }
@@ -180,7 +180,7 @@ def head(session: SessionSnapshot | None, progress: ProgressSnapshot, saved: str
         cameras = f"{number} camera{'s' if number != 1 else ''}"
         frames = "live" if session.live else f"{session.stop - session.start} frames"
         counts = f"{frames}, {cameras}, {session.fps:g} frames/s"
-        facts = f"<div class='handtrack-counts' style='opacity:.85' title='{html.escape(session.model)}'>{counts}</div>"
+        facts = f"<div class='handtrack-counts handtrack-faint' title='{html.escape(session.model)}'>{counts}</div>"
         facts += f"<div>{_SAVED[saved]}</div>" if saved in _SAVED else ""
     elif progress.state == "failed":
         title = "No session"
@@ -199,12 +199,8 @@ def _activity(progress: ProgressSnapshot) -> str:
     if progress.state in ("idle", "failed"):
         return ""
     text = html.escape(progress_words(progress))
-    share = 100.0 * progress.done / progress.total if progress.total else 0.0
-    return (
-        f"<div style='margin-top:.35em'>{text}</div>"
-        "<div style='height:4px;border-radius:2px;background:rgba(128,128,128,.3);margin-top:.3em'>"
-        f"<div style='height:4px;border-radius:2px;background:#56b4e9;width:{share:.1f}%'></div></div>"
-    )
+    share = progress.done / progress.total if progress.total else 0.0
+    return f"<div class='handtrack-line'>{text}</div>{bar(share, '#56b4e9')}"
 
 
 # ---- How each page is laid out, which its browser remembers
@@ -353,7 +349,4 @@ def view_words(view: Through) -> str:
         words, colour = f"<b>You left {name}:</b> C goes back", "#e69f00"
     if view.task:
         words += f"<br>{html.escape(view.task)}"
-    return (
-        f"<div style='margin:.3em .9em 0;padding:.15em .6em;border-left:3px solid {colour};font-size:.9em'>"
-        f"{words}</div>"
-    )
+    return bordered(words, colour)
