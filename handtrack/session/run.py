@@ -45,11 +45,11 @@ from handtrack.session.sources.joint_errors import joint_sigma_px
 from handtrack.session.sources.keypoint_files import of_model
 from handtrack.session.sources.prefetch import Prefetch
 from handtrack.tracking.frame.confidence import FrameConfidence, OutlineFit, assess, outline_fit
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
+from handtrack.tracking.frame.result import FrameResult, Status, Step, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import agreement
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
@@ -57,7 +57,7 @@ from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import refine_recording, track_recording
 from handtrack.tracking.size.person import FEWEST_BY_JOINTS, Subject, seen_around
-from handtrack.tracking.state import Step, TrackerState
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
 
@@ -549,6 +549,25 @@ ReportProgress = Callable[..., None]
 """is given the share that is done, 0 to 1, what is done in words, and a frame that was just tracked for it, if one was"""
 
 
+class Reporting(Observer):
+    """Reports progress and provisional results; keeps what all frames share."""
+
+    refinement = ""
+
+    def __init__(self, report: ReportProgress = lambda *now: None) -> None:
+        self._report = report
+        self.now: tuple[float, str] = 0.0, ""
+
+    def provisional(self, result: FrameResult) -> None:
+        self._report(*self.now, result)
+
+    def progress(self, share: float) -> None:
+        self._report(share)
+
+    def shared(self, refinement: str) -> None:
+        self.refinement = refinement
+
+
 MOST_FRAMES = 8
 """that are used: neighbours show the same"""
 MOST_BY_JOINTS = 16
@@ -570,18 +589,15 @@ def tracked_for_size(
     live, (start, params) = run.with_values({"tracker.estimate": "forward"}), run.initial()
     results: list[FrameResult] = []
     wanted = frames or run.session.frame_range
-    share, words = 0.0, ""
-    control = Control(
-        should_stop or (lambda: False),
-        on_provisional=lambda result: on_progress(share, words, result),
-    )
+    observer = Reporting(on_progress)
+    control = Control(should_stop or (lambda: False), observer)
     for result in live.track(wanted, start, params, control):
         results.append(result)
         count, sure = len(results), sum(r.status == Status.TRACKED for r in results)
         least = len(wanted) if frames else min(_STRETCH, len(wanted))
         share = TRACKED_SHARE * min(count / least, 1.0)
-        words = f"{count} frames tracked, {sure} are sure"
-        on_progress(share, words)
+        observer.now = share, f"{count} frames tracked, {sure} are sure"
+        on_progress(*observer.now)
         if frames is None and count >= least and sure >= MOST_FRAMES:
             break
     return results

@@ -15,13 +15,12 @@ from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.posed_frames import keyframe_result, posed_frames
-from handtrack.session.run import ReportProgress, TrackingRun
+from handtrack.session.run import Reporting, ReportProgress, TrackingRun
 from handtrack.session.side import wrong_side_warning
 from handtrack.session.takes.take_recorder import TakeRecorder
-from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.frame.control import Control, Observer
+from handtrack.tracking.frame.result import FrameResult, Status, Step, TrackResult
 from handtrack.tracking.sequence import tracked_by_new_share
-from handtrack.tracking.state import Step
 from handtrack.tracking.whole.refinement import Refinement
 
 
@@ -241,17 +240,13 @@ def refine_frames(
     changed
         frames whose fixed poses are new since they were last refined: those that they affect alone are done. None: all
     """
-    texts: list[str] = []
-    control = replace(
-        control,
-        on_refined=lambda share: on_progress(Progress("refine", share)),
-        on_shared=texts.append,
-    )
+    observer = Reporting(lambda share: on_progress(Progress("refine", share)))
+    control = replace(control, observer=observer)
     before = {result.frame: result for result in tracked}
     fixed = {f: run.model.params_within_limits(r.parameters) for f, r in request.fixed.items()}
     guides = {f: run.model.params_within_limits(pose) for f, pose in request.guides.items()}
     found = run.refined(tracked, control, fixed, changed, guides)
-    refinement = Refinement.read(texts[-1]) if texts else None
+    refinement = Refinement.read(observer.refinement) if observer.refinement else None
     scale = None if refinement is None else refinement.scale
     results = [result for result in found if result is not before.get(result.frame)]
     return FramesRefined(run if scale is None else run.with_scale(scale), results, refinement)
@@ -300,7 +295,7 @@ def _halves(
     return [Segment(range(low, middle), low, before), Segment(range(middle, high), high - 1, after)]
 
 
-class _Tracking:
+class _Tracking(Observer):
     """The state of one tracking, from its first event to its last."""
 
     def __init__(
@@ -314,11 +309,8 @@ class _Tracking:
         self._run, self._request, self._take = run, request, take
         self._on_progress = on_progress
         self._interrupted = False
-        self._control = replace(control, refines=False, should_stop=self._stops, on_step=self._step)
-        self._control = replace(
-            self._control, on_provisional=lambda r: on_progress(FrameTracked(r))
-        )
-        self._asked = control.should_stop
+        self._control = replace(control, refines=False, should_stop=self._stops, observer=self)
+        self._asked, self.search = control.should_stop, control.observer.search
         self._recorded = run.session.live is None
         self._announced = run.session.known_frames.stop
         self._results: dict[int, FrameResult] = {}
@@ -329,7 +321,10 @@ class _Tracking:
     def _stops(self) -> bool:
         return self._interrupted or self._asked()
 
-    def _step(self, step: Step) -> None:
+    def provisional(self, result: FrameResult) -> None:
+        self._on_progress(FrameTracked(result))
+
+    def step(self, step: Step) -> None:
         if self._take is not None:
             self._take.add(step)
         if self._recorded and not self._run.session.is_counted:

@@ -11,6 +11,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Axes
 from handtrack.store.record import Record
+from handtrack.tracking.frame.motion_belief import Hypothesis, MotionBelief
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import (
     COLUMNS,
@@ -19,9 +20,8 @@ from handtrack.tracking.frame.result import (
     FrameHead,
     FrameResult,
     Status,
+    Step,
 )
-from handtrack.tracking.hypotheses.motion_belief import Hypothesis, MotionBelief
-from handtrack.tracking.state import Step
 
 _STATE = ("belief", "hypothesis")
 """arrays that begin so are of the tracker's state"""

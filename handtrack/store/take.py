@@ -24,10 +24,10 @@ from handtrack.tracking.frame.result import (
     FrameHead,
     FrameResult,
     Status,
+    Step,
     TrackLabels,
     TrackResult,
 )
-from handtrack.tracking.state import Step
 
 _ABOUT, _STEP, _POSE, _END = "take", "step", "pose", "end"
 

@@ -13,9 +13,9 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control, Observe
-from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
+from handtrack.tracking.frame.result import FrameResult, Status, Step, unconfirmed
 from handtrack.tracking.speculative import SpeculativeExecution
-from handtrack.tracking.state import Step, TrackerState
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.evidence import MOSTLY_NEW, Evidence, Recording, new_share
 from handtrack.tracking.whole.recording_estimate import refine, refine_near
@@ -144,11 +144,14 @@ def track_frames(
     Parameters
     ----------
     done
-        What `control.on_step` was told of the same tracking before it was stopped. It goes on where
+        What `control.observer` was told of the same tracking before it was stopped. It goes on where
         these end, as it would have; they are not yielded again.
     """
-    if (show := control.on_provisional) is not None:
-        control = replace(control, on_provisional=lambda r: r.frame in frames and show(r))
+
+    def show(result: FrameResult) -> None:
+        if result.frame in frames:
+            control.observer.provisional(result)
+
     known = {step.result.frame: step for step in done}
     forward = range(start_frame, max(frames.stop, start_frame + 1))
     backward = range(start_frame - 1, frames.start - 1, -1)
@@ -159,11 +162,11 @@ def track_frames(
         if steps:
             state = _state_after(steps, tracker, observe)
         todo = path[len(steps) - len(begun) :]
-        for after, result in SpeculativeExecution(tracker, observe, state, control).frames(todo):
+        execution = SpeculativeExecution(tracker, observe, state, control, show)
+        for after, result in execution.frames(todo):
             if not steps:
                 steps.append(after.step)
-            if control.on_step is not None:
-                control.on_step(after.step)
+            control.observer.step(after.step)
             if result.frame in frames:
                 yield result
         if control.should_stop():

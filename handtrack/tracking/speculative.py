@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
@@ -17,9 +17,9 @@ import numpy as np
 from handtrack.observation.observation import Observation
 from handtrack.parallel import thread_count, workers
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
-from handtrack.tracking.frame.control import Control, Observe
+from handtrack.tracking.frame.control import Control, Observe, Observer
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.search.engine import SearchReport
+from handtrack.tracking.frame.search_report import SearchReport
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
@@ -34,14 +34,14 @@ _CAUGHT_UP = 4
 
 
 @dataclass(eq=False)
-class _Frame:
+class _Frame(Observer):
     """A frame that is solved, as long as no search finds a better pose in it or before."""
 
     number: int
     after: TrackerState | None = None
     result: FrameResult | None = None
     reports: list[SearchReport] = field(default_factory=list)
-    search: Future[Stepped] | None = None
+    beside: Future[Stepped] | None = None
     """a whole step with its searches, made beside"""
     searched: list[SearchReport] = field(default_factory=list)
     """what that tells"""
@@ -50,17 +50,26 @@ class _Frame:
     failure: Exception | None = None
     """instead of a result: told once the frames before it are settled"""
 
+    def search(self, report: SearchReport) -> None:
+        self.reports.append(report)
+
 
 class SpeculativeExecution:
-    """Frames on from a state, yielded once settled; `control.on_provisional` is shown them as soon as they are solved.
+    """Frames on from a state, yielded once settled; `show` is given them as soon as they are solved.
 
     Whoever watches single solver steps, or has one thread, gets one frame after the other, searches included.
     """
 
     def __init__(
-        self, tracker: Tracker, observe: Observe, state: TrackerState, control: Control
+        self,
+        tracker: Tracker,
+        observe: Observe,
+        state: TrackerState,
+        control: Control,
+        show: Callable[[FrameResult], None],
     ) -> None:
         self._tracker, self._observe, self._control = tracker, observe, control
+        self._show = show
         self._state = state
         self._ahead: deque[_Frame] = deque()  # solved, not yet settled
         self._again: deque[int] = deque()  # to be solved anew
@@ -83,15 +92,15 @@ class SpeculativeExecution:
     def _stepped(self, number: int) -> Stepped | None:
         """Return a frame solved with its searches; None when stopped."""
         seen = self._observe(number, self._tracker.expected_bones(self._state, number))
-        reports: list[SearchReport] = []
-        control = replace(self._control, on_search=reports.append)
+        frame = _Frame(number)
+        control = replace(self._control, observer=frame)
         self._state, result = self._tracker.step(self._state, seen, control)
         if self._control.should_stop():
             return None
-        if reports:
-            self._learn(any(report.winner is not None for report in reports))
+        if frame.reports:
+            self._learn(any(report.winner is not None for report in frame.reports))
         self._show(result)
-        self._report(reports)
+        self._report(frame.reports)
         return self._state, result
 
     def _pursued(self, numbers: Iterator[int], pool: ThreadPoolExecutor) -> Iterator[Stepped]:
@@ -111,13 +120,13 @@ class SpeculativeExecution:
             full = len(self._ahead) > self._reach
             if full and not self._control.waits:
                 self._drop([self._ahead[0]])
-                self._ahead[0].search = None  # it stands as it is solved
+                self._ahead[0].beside = None  # it stands as it is solved
                 continue
             number = None if full else self._next(numbers)
             if number is not None:
                 self._go_on(number, pool)
             elif self._ahead:
-                if (search := self._ahead[0].search) is not None:
+                if (search := self._ahead[0].beside) is not None:
                     search.exception()
             else:
                 return
@@ -135,7 +144,7 @@ class SpeculativeExecution:
         """Solve a frame without searches; begin beside what is due."""
         frame = _Frame(number)
         self._ahead.append(frame)
-        before, control = self._state, replace(self._control, on_search=frame.reports.append)
+        before, control = self._state, replace(self._control, observer=frame)
         try:
             seen = self._observe(number, self._tracker.expected_bones(before, number))
             frame.after, frame.result, due = self._tracker.step_without_search(
@@ -147,7 +156,7 @@ class SpeculativeExecution:
         self._state = frame.after
         if self._control.should_stop():
             return
-        if due and (control.waits or not any(other.search for other in self._ahead)):
+        if due and (control.waits or not any(other.beside for other in self._ahead)):
             self._search(frame, before, seen, pool)
         self._show(frame.result)
 
@@ -158,12 +167,12 @@ class SpeculativeExecution:
         control = replace(
             self._control,
             should_stop=lambda: frame.dropped.is_set() or asked(),
-            on_search=frame.searched.append,
+            observer=_Frame(frame.number, reports=frame.searched),
         )
-        frame.search = pool.submit(self._tracker.step, before, seen, control)
+        frame.beside = pool.submit(self._tracker.step, before, seen, control)
 
     def _is_known(self, frame: _Frame) -> bool:
-        return frame.search is None or frame.search.done()
+        return frame.beside is None or frame.beside.done()
 
     def _settled(self, frame: _Frame) -> Stepped | None:
         """Return a frame as it holds, None when stopped. Where it holds otherwise than it stood, those after it are due anew."""
@@ -172,8 +181,8 @@ class SpeculativeExecution:
         assert frame.after is not None
         assert frame.result is not None
         after, result, reports = frame.after, frame.result, frame.reports
-        if frame.search is not None:
-            reports, found = frame.searched, frame.search.result()
+        if frame.beside is not None:
+            reports, found = frame.searched, frame.beside.result()
             if self._control.should_stop():
                 return None
             is_better = _is_changed(frame.result, found[1])
@@ -197,20 +206,15 @@ class SpeculativeExecution:
             self._reach = 0 if is_better else min(2 * self._reach + 1, self._most)
 
     def _report(self, reports: Iterable[SearchReport]) -> None:
-        if self._control.on_search is not None:
-            for report in reports:
-                self._control.on_search(report)
-
-    def _show(self, result: FrameResult) -> None:
-        if self._control.on_provisional is not None:
-            self._control.on_provisional(result)
+        for report in reports:
+            self._control.observer.search(report)
 
     @staticmethod
     def _drop(frames: Iterable[_Frame]) -> None:
         for frame in frames:
-            if frame.search is not None:
+            if frame.beside is not None:
                 frame.dropped.set()
-                frame.search.cancel()
+                frame.beside.cancel()
 
 
 def _is_changed(stood: FrameResult, found: FrameResult) -> bool:

@@ -7,21 +7,12 @@ from dataclasses import replace
 
 from handtrack.arrays import Floats, P, array_dataclass
 from handtrack.tracking.frame.frame_task import Solved
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.motion_belief import Hypothesis
+from handtrack.tracking.frame.result import FrameResult, Status, Step
 from handtrack.tracking.frame.terms.appearance_terms import Before
-from handtrack.tracking.hypotheses.motion_belief import Hypothesis
 
 REMEMBERED = 30
 """results that a step may look back on"""
-
-
-@array_dataclass
-class Step:
-    """A frame that is solved, with what those after it need of it: what a store keeps to go on from."""
-
-    result: FrameResult
-    belief: Floats[P, P] | None = None
-    hypotheses: tuple[Hypothesis, ...] = ()
 
 
 @array_dataclass

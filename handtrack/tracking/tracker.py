@@ -17,11 +17,11 @@ from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import FrameTask, Solved, predict
+from handtrack.tracking.frame.motion_belief import Hypothesis
 from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.hypotheses.mixture import solve_mixture
-from handtrack.tracking.hypotheses.motion_belief import Hypothesis
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.lost_hand import with_hand_found
 from handtrack.tracking.search.policy import looks_everywhere

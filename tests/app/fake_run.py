@@ -115,17 +115,18 @@ class FakeRun(TrackingRun):
             if self.hungry:
                 np.ones(12_500_000_000)
             result = self._result(frame, start_params, start_frame)
-            if control.on_provisional is not None:
-                control.on_provisional(result)
+            control.observer.provisional(result)
             yield result
 
     def refined(self, tracked, control=Control(), held=None, changed=None, pinned=None):
         if not self.refined_by:
             return list(tracked)
-        control.on_refined(0.5)
+        control.observer.progress(0.5)
         if self.refined_size or self.refined_cameras:
             found_size = HandScale(self.refined_size) if self.refined_size else None
-            control.on_shared(Refinement("converged", 1, self.refined_cameras, found_size).text)
+            control.observer.shared(
+                Refinement("converged", 1, self.refined_cameras, found_size).text
+            )
         bend = self.model.parameter_names.index("index_mcp_flex")
         found = []
         for result in tracked:

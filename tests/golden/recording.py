@@ -31,8 +31,7 @@ from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout
-from handtrack.tracking.frame.result import TrackResult
-from handtrack.tracking.state import Step
+from handtrack.tracking.frame.result import Step, TrackResult
 from handtrack_app.commands.batch import DONE, REFUSED, STARTED, Outcome, append
 from tests.export.sequences import LOST_ROW, sample_sequence
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout
+from handtrack.tracking.frame.motion_belief import Hypothesis, MotionBelief
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import Alternative
-from handtrack.tracking.hypotheses.motion_belief import Hypothesis, MotionBelief
-from handtrack.tracking.state import Step
+from handtrack.tracking.frame.result import Alternative, Step
 from tests.sample_track import HAND, labels_of, sample_frame
 
 

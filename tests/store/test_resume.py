@@ -6,7 +6,7 @@ import pytest
 from handtrack import ImageKeypoints, Observation, Tracker, TrackerSettings, load_model
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.store.store import Store, WritableStore
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.sequence import track_recording
 from tests.experiments.scenes.closing_fist import scene
 from tests.store.made import about, same
@@ -15,6 +15,10 @@ from tests.tracking.test_appearance import POSES as BY_IMAGES_POSES
 
 SCENE = scene(2, 100, (96, 72), range(8, 14))
 POSES = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
+
+
+class Steps(list, Observer):
+    step = list.append  # type: ignore[assignment]
 
 
 def stored(folder, steps):
@@ -30,10 +34,15 @@ def check_every_cut(folder, tracker, seen, poses, start, frames):
     """Track; then again from every step on. Return the results of the first time."""
 
     def tracked(done=()):
-        steps = []
-        control = Control(on_step=steps.append)
+        steps = Steps()
         path = track_recording(
-            tracker, lambda f, _: seen[f], start, poses[start], frames, control, done
+            tracker,
+            lambda f, _: seen[f],
+            start,
+            poses[start],
+            frames,
+            Control(observer=steps),
+            done,
         )
         return steps, list(path)
 

@@ -9,11 +9,17 @@ from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.terms.clouds.cloud_emptiness import seen_from
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.sequence import track_frames
 
 QUICK = {"tracker.escape": False, "tracker.recovery": False}
 """settings of tracking that looks for nothing"""
+
+
+class Told(list, Observer):
+    """Reports of searches."""
+
+    search = list.append  # type: ignore[assignment]
 
 
 def posed(model, pose, turn=(0.0, 0.0, 0.0)):

@@ -13,7 +13,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import agreement, cloud_terms, see_cloud
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
 from tests.experiments.scenes.simulated_clouds import DIGICLOPS, FINE, Sensor, depth_views
-from tests.tracking.scenes import QUICK, followed
+from tests.tracking.scenes import QUICK, Told, followed
 
 MODEL = load_model()
 FRAMES = 5
@@ -132,8 +132,7 @@ def test_a_doubt_begins_below_one_bound_and_ends_above_a_higher_one():
     clouds = [WHOLE, FAIR, POOR, FAIR, WHOLE, FAIR]
     seen = [cloud(missing, frame) for frame, missing in enumerate(clouds)]
     settings = TrackerSettings().with_values(QUICK | {"solver.iterations": 6})
-    told = []
-    control = Control(on_search=told.append)
-    results = followed(Tracker(MODEL, settings), seen, POSE, control)
+    told = Told()
+    results = followed(Tracker(MODEL, settings), seen, POSE, Control(observer=told))
     assert [r.poor_cloud for r in results] == [False, False, True, True, False, False]
     assert [(r.frame, r.winner is not None) for r in told] == [(2, True), (3, True), (4, False)]

@@ -27,7 +27,7 @@ from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 from tests.experiments.scenes.closing_fist import scene
 from tests.model.metaballs_reference import merged
 from tests.terms.conic_field_reference import dense_field
-from tests.tracking.scenes import followed, off_mm, on_surface
+from tests.tracking.scenes import Told, followed, off_mm, on_surface
 
 HAND, BALL = load_model(), load_model("ball6")
 
@@ -119,11 +119,11 @@ def test_fingers_are_shifted_to_both_sides_and_the_least_energy_wins():
     joint = HAND.rest_params()
     points, _ = on_surface(HAND, joint, 1500, np.random.default_rng(0))
     seen = Observation(0, 0.0, cloud=PointCloud(points))
-    told = []
+    told = Told()
     tracker = Tracker(load_model(coupling="21"), settings("paper2004", **{"solver.iterations": 25}))
     start = tracker.model.transform.solver_params(joint)
     begun = TrackerState.beginning_at(start)
-    _, result = tracker.step(begun, seen, Control(on_search=told.append))
+    _, result = tracker.step(begun, seen, Control(observer=told))
     (report,) = told
     ((proposed, trials),) = report.rounds
     assert proposed == len(trials) == 2

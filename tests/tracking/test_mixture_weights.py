@@ -16,6 +16,7 @@ from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, Linear
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
+from handtrack.tracking.frame.motion_belief import MotionBelief
 from handtrack.tracking.hypotheses import mixture, mixture_search
 from handtrack.tracking.hypotheses.mixture import searched
 from handtrack.tracking.hypotheses.mixture_search import (
@@ -25,7 +26,7 @@ from handtrack.tracking.hypotheses.mixture_search import (
     NextHypotheses,
     without_memory,
 )
-from handtrack.tracking.hypotheses.motion_belief import MotionBelief
+from tests.tracking.scenes import Told
 
 BALL, HAND = load_model("ball6"), load_model()
 NOTHING = Observation(0, 0.0)
@@ -97,10 +98,11 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
     monkeypatch.setattr(mixture_search, "JUMP_SHARE", share)
     chosen = settings(**{"mixture.draws": 4})
-    told = []
-    control = Control(on_search=told.append)
+    told = Told()
     component = Component(last, terms, 1.0)
-    found, _ = searched(NextHypotheses(HAND, chosen, [chain], look, control, [component]))
+    found, _ = searched(
+        NextHypotheses(HAND, chosen, [chain], look, Control(observer=told), [component])
+    )
     weights = {h.origin: h.weight for h in found}
     (report,) = told
     masses = {origin: np.exp(-cost) for origin, cost in report.rounds[0][1]}
@@ -176,9 +178,10 @@ def well(angle, cost, sigma):
 def test_of_a_first_frame_costs_alone_decide():
     """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
     terms = frame(BALL, Wells((well(0.2, 1.0, 0.1), well(1.4, 2.0, 0.5), well(-1.5, 2.5, 0.1))))
-    told = []
-    control = Control(on_search=told.append)
-    first = FirstHypotheses(BALL, settings(), STIFF, NOTHING, control, terms, np.zeros(6))
+    told = Told()
+    first = FirstHypotheses(
+        BALL, settings(), STIFF, NOTHING, Control(observer=told), terms, np.zeros(6)
+    )
     found, parents = searched(first)
     assert_allclose([h.params[FACING] for h in found], [0.2, 1.4, -1.5], atol=1e-3)
     weights = np.exp([-1.0, -2.0, -2.5])

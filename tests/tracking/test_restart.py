@@ -28,7 +28,7 @@ from handtrack.tracking.search.engine import (
 )
 from handtrack.tracking.search.global_search import GlobalObjective
 from handtrack.tracking.search.policy import why_hand_may_be_lost
-from tests.tracking.scenes import joints_seen, off_mm, on_surface, posed
+from tests.tracking.scenes import Told, joints_seen, off_mm, on_surface, posed
 
 MODEL = load_model()
 RIG = simulated_rig(3, (320, 240))
@@ -71,9 +71,11 @@ def test_a_hand_that_moved_on_unseen_is_found_again(rng, by):
 
 def searched_for(known, seen):
     """Return the result of the frame after a known one, and in which situations something was looked for."""
-    found = []
-    control = Control(on_search=lambda report: found.append(report.search.situation))
-    return Tracker(MODEL, JUMPS).step(TrackerState.resumed([known]), seen, control)[1], found
+    told = Told()
+    _, result = Tracker(MODEL, JUMPS).step(
+        TrackerState.resumed([known]), seen, Control(observer=told)
+    )
+    return result, [report.situation for report in told]
 
 
 @pytest.mark.parametrize("spoil", [np.ones_like, lambda mask: 1 - mask], ids=["white", "inverted"])
@@ -137,10 +139,10 @@ def half(line, candidates, iterations):
     return candidates
 
 
-def line(on_search=None):
+def line(told=Told()):
     """Return an objective in one number: the cost is its distance from 3, a fit halves the way there."""
     return SimpleNamespace(
-        control=Control(on_search=on_search),
+        control=Control(observer=told),
         distinct=lambda found, most: sorted(found, key=lambda c: c.cost)[:most],
     )
 
@@ -165,8 +167,8 @@ def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
         (0.5, 0.0, 3.7, False), (0.5, 0.0, 3.9, True),
     ):  # fmt: skip
         search = Search("", "", rounds, "", factor=factor, margin=margin)
-        standing, told = candidate(start), []
-        found = improved(search, line(told.append), standing, 7, "asked")
+        standing, told = candidate(start), Told()
+        found = improved(search, line(told), standing, 7, "asked")
         assert (found is not standing) == taken, (factor, margin, start)
         assert (told[0].winner is not None) == taken
         assert places([found]) == ([2.6] if taken else [start])

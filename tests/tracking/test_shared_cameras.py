@@ -20,6 +20,7 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.flesh import model_mask
 from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.session.run import Reporting
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
 from handtrack.tracking.frame.control import Control
@@ -79,11 +80,12 @@ def watched(cameras, points, **more):
 
 def refined(observe, poses, **more):
     """Return the live frames, those refined, and what is said that all share."""
-    tracker, told = Tracker(HAND), []
+    tracker, told = Tracker(HAND), Reporting()
     live = list(track_frames(tracker, observe, 0, poses[0], range(len(poses))))
-    control = Control(on_shared=told.append)
-    frames = refine(Recording(HAND, tracker.settings, observe, control, **more), live)
-    return live, frames, Refinement.read(told[0])
+    frames = refine(
+        Recording(HAND, tracker.settings, observe, Control(observer=told), **more), live
+    )
+    return live, frames, Refinement.read(told.refinement)
 
 
 def points_of(poses, hand=HAND):

@@ -11,6 +11,7 @@ from handtrack import Status
 from handtrack.tracking.frame.constants import FRAMES_AHEAD as AHEAD
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.speculative import SpeculativeExecution
+from tests.tracking.scenes import Told
 
 COUNT = 60
 
@@ -37,9 +38,8 @@ class Path:
         if seen in self.due:
             while not self.gate.wait(0.001) and not control.should_stop():
                 pass
-            if control.on_search is not None:
-                winner = seen if seen in self.finds else None
-                control.on_search(SimpleNamespace(frame=seen, before=state, winner=winner))
+            winner = seen if seen in self.finds else None
+            control.observer.search(SimpleNamespace(frame=seen, before=state, winner=winner))
         after = state + seen + 1000 * (seen in self.finds)
         return after, self._result(seen, after)
 
@@ -49,9 +49,9 @@ class Path:
         )
 
 
-def poses(path, threads, monkeypatch, **more):
+def poses(path, threads, monkeypatch, show=lambda _: None, **more):
     monkeypatch.setenv("HANDTRACK_THREADS", str(threads))
-    execution = SpeculativeExecution(path, lambda frame, _: frame, 0, Control(**more))
+    execution = SpeculativeExecution(path, lambda frame, _: frame, 0, Control(**more), show)
     return [(r.frame, r.parameters[0]) for _, r in execution.frames(range(COUNT))]
 
 
@@ -61,10 +61,10 @@ def test_the_same_comes_out_whatever_is_due_and_found(seed, monkeypatch):
     due = frozenset(np.flatnonzero(rng.random(COUNT) < rng.choice([0.05, 0.3, 1.0])).tolist())
     path = Path(due, frozenset(f for f in due if rng.random() < 0.3))
     path.gate.set()
-    told = {1: [], 2: [], 3: []}
-    one = poses(path, 1, monkeypatch, on_search=told[1].append)
+    told = [Told() for _ in range(4)]
+    one = poses(path, 1, monkeypatch, observer=told[1])
     for threads in (2, 3):
-        assert poses(path, threads, monkeypatch, on_search=told[threads].append) == one
+        assert poses(path, threads, monkeypatch, observer=told[threads]) == one
         assert told[threads] == told[1]  # in the frames' order, and none of a frame solved anew
 
 
@@ -76,7 +76,7 @@ def test_frames_go_on_while_a_search_runs_and_come_again(monkeypatch):
         if result.frame == 3 + AHEAD:
             path.gate.set()
 
-    found = poses(path, 2, monkeypatch, on_provisional=show)
+    found = poses(path, 2, monkeypatch, show)
     assert [f for f, _ in early[: 4 + AHEAD]] == list(range(4 + AHEAD))  # nothing waited
     assert dict(early) == dict(found)  # the last that is shown of a frame holds
     # then each frame with its searches, since one was lost
@@ -89,7 +89,7 @@ def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
 
     def noted(self, frame, *given):
         begun(self, frame, *given)
-        searches.append(frame.search)
+        searches.append(frame.beside)
 
     monkeypatch.setattr(SpeculativeExecution, "_search", noted)
 
@@ -99,7 +99,7 @@ def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
             path.gate.set()
             searches[-1].exception()  # waits
 
-    found = dict(poses(path, 2, monkeypatch, on_provisional=show, waits=False))
+    found = dict(poses(path, 2, monkeypatch, show, waits=False))
     assert early[:51] == list(range(51))
     assert found[39] == sum(range(40))  # of 3 it came too late, and 5 had none beside it
     assert found[40] == sum(range(41)) + 1000

@@ -34,9 +34,9 @@ from handtrack.session.track_session import (
     track_session,
 )
 from handtrack.tracking.frame.confidence import hand_words
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
-from handtrack.tracking.search.engine import SearchReport, explained
+from handtrack.tracking.frame.search_report import SearchReport, explained
 from handtrack_app.commands.terminal.output import (
     INTERRUPTED,
     Stop,
@@ -131,12 +131,12 @@ def run(options: TrackOptions) -> int:
             recorder = ResidualRecorder(
                 run_, options.rerun, options.rerun_save, options.rerun_frame, lambda url: say(f"residuals are shown at {url}")
             )  # fmt: skip
-        reports: list[SearchReport] = []
-        control = Control(stop, on_search=None if options.explain is None else reports.append)
+        progress = Progressing(take, recorder, options.explain)
+        control = Control(stop, progress)
         control = control if recorder is None else recorder.watching(control)
         try:
             request = request_for(run_, frames, from_init=options.init is None)
-            with Progressing(take, recorder, reports) as progress:
+            with progress:
                 end, warnings = progress.follow(
                     track_session(run_, request, control, progress.show, take), stop
                 )
@@ -144,7 +144,7 @@ def run(options: TrackOptions) -> int:
             code = _save(end, out, take, warnings, began if options.json else None)
             if options.explain is not None:
                 there = next((r for r in end.results if r.frame == options.explain), None)
-                text = "\n".join(explained(options.explain, reports, there))
+                text = "\n".join(explained(options.explain, progress.reports, there))
                 print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
         finally:
             if recorder is not None:
@@ -277,14 +277,15 @@ def _end_viewer(recorder: ResidualRecorder, wait: bool) -> None:
 _STAGES = {"size": "sizing", "refine": "refining"}
 
 
-class Progressing:
+class Progressing(Observer):
     """A context in which the events of one tracking are shown."""
 
     def __init__(
-        self, take: TakeRecorder, recorder: ResidualRecorder | None, reports: list[SearchReport]
+        self, take: TakeRecorder, recorder: ResidualRecorder | None, explain: int | None
     ) -> None:
-        """reports: of searches, of which those of the last pass count."""
-        self._take, self._recorder, self._reports = take, recorder, reports
+        """explain: the frame whose searches are kept, those of the last pass."""
+        self._take, self._recorder, self._explain = take, recorder, explain
+        self.reports: list[SearchReport] = []
         self._bars = ExitStack()
         self._stage = ""
         self._run: TrackingRun | None = None
@@ -294,6 +295,10 @@ class Progressing:
 
     def __exit__(self, *_: object) -> None:
         self._bars.close()
+
+    def search(self, report: SearchReport) -> None:
+        if report.frame == self._explain:
+            self.reports.append(report)
 
     def show(self, progress: Progress | FrameTracked) -> None:
         """Show how far a stage without frames is."""
@@ -327,7 +332,7 @@ class Progressing:
         match event:
             case PassBegan():
                 self._run = event.run
-                self._reports.clear()
+                self.reports.clear()
                 self._stage = ""
                 self._bars.close()
                 if event.resumed:

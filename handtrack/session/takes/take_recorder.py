@@ -21,8 +21,7 @@ from handtrack.session.takes.take_about import about_refined, about_take
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout, TakeWriter
-from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
-from handtrack.tracking.state import Step
+from handtrack.tracking.frame.result import FrameResult, Step, TrackLabels, TrackResult
 
 
 def import_track(store: WritableStore, folder: Path) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from handtrack.arrays import Floats, P
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
+from handtrack.tracking.frame.result import FrameResult, Step
+from handtrack.tracking.frame.search_report import SearchReport
 
 Observe = Callable[[int, BonePoses | None], Observation]
 """what is seen of a frame; the hand's bones where it is expected tell which points of a cloud are the hand's,
@@ -17,25 +18,34 @@ Watch = Callable[[int, Floats[P], float], None]
 """called after each accepted solver step with its count, parameters and cost"""
 
 
+class Observer:
+    """Is told how tracking goes on; does nothing with it."""
+
+    def search(self, report: SearchReport) -> None:
+        """Take the report of a search that was made."""
+
+    def step(self, step: Step) -> None:
+        """Take a frame that is solved for good, in the order of tracking, before its result is yielded."""
+
+    def provisional(self, result: FrameResult) -> None:
+        """Take a frame's result as soon as it is solved; a search beside may still change it, and the frames after it. What holds is yielded later."""
+
+    def progress(self, share: float) -> None:
+        """Take the share that is done, 0 to 1, while all frames are refined together."""
+
+    def shared(self, refinement: str) -> None:
+        """Take, once, what all frames share, as they were refined: `whole.refinement.Refinement` as JSON."""
+
+
 @dataclass(frozen=True)
 class Control:
     """Handed down from whoever started the work."""
 
     should_stop: Callable[[], bool] = lambda: False
     """asked between solver steps"""
+    observer: Observer = Observer()
     on_iteration: Callable[[int, int, Floats[P], float], None] | None = None
     """called as Watch is, with the frame's number before"""
-    on_search: Callable[[Any], None] | None = None
-    """called with a SearchReport for every search that was made"""
-    on_step: Callable[[Any], None] | None = None
-    """called with a Step for every frame that is solved for good, in the order of tracking, before its result is yielded"""
-    on_provisional: Callable[[Any], None] | None = None
-    """called with a frame's FrameResult as soon as it is solved; a search beside may still change it, and the frames after
-    it. What holds is yielded later"""
-    on_refined: Callable[[float], None] = lambda share: None
-    """called with the share that is done, 0 to 1, while all frames are refined together"""
-    on_shared: Callable[[str], None] = lambda text: None
-    """called once with what all frames share, as they were refined: `whole.refinement.Refinement` as JSON"""
     waits: bool = True
     """False: a search beside that isn't done `FRAMES_AHEAD` frames later is given up, as before a live camera, whose frames do not wait;
     one search is made at a time, and of the frames since only a few are solved anew"""

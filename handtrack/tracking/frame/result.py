@@ -13,9 +13,25 @@ from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, J, K, S, array_dataclass, indices
+from handtrack.arrays import (
+    D2,
+    D3,
+    D4,
+    D21,
+    Array,
+    B,
+    F,
+    Floats,
+    J,
+    K,
+    P,
+    S,
+    array_dataclass,
+    indices,
+)
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import FINGERS, JOINT_CENTRES, ArticulatedModel, keypoint_names
+from handtrack.tracking.frame.motion_belief import Hypothesis
 from handtrack.tracking.frame.reason import Reason, Status
 from handtrack.tracking.frame.result_fields import (
     Column,
@@ -216,6 +232,15 @@ class FrameResult(FrameHead):
         ),
     )
     """all poses carried on, heaviest first, where `tracker.hypotheses` is above 1; the first is this result's pose"""
+
+
+@array_dataclass
+class Step:
+    """A frame that is solved, with what those after it need of it: what a store keeps to go on from."""
+
+    result: FrameResult
+    belief: Floats[P, P] | None = None
+    hypotheses: tuple[Hypothesis, ...] = ()
 
 
 FIELDS = result_fields(fields(FrameResult))

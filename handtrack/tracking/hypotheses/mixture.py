@@ -18,7 +18,13 @@ from handtrack.solver.levenberg_marquardt import SolveSummary
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.descent import by_keypoints_alone, stage_problem
 from handtrack.tracking.frame.frame_task import FrameTask, Solved
+from handtrack.tracking.frame.motion_belief import (
+    Hypothesis,
+    MotionBelief,
+    unknown_speed,
+)
 from handtrack.tracking.frame.result import Alternative
+from handtrack.tracking.frame.search_report import Tried
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import agility
 from handtrack.tracking.hypotheses.mixture_search import (
@@ -30,12 +36,7 @@ from handtrack.tracking.hypotheses.mixture_search import (
     NextHypotheses,
     Start,
 )
-from handtrack.tracking.hypotheses.motion_belief import (
-    Hypothesis,
-    MotionBelief,
-    unknown_speed,
-)
-from handtrack.tracking.search.engine import Tried, report, run_rounds
+from handtrack.tracking.search.engine import report, run_rounds
 
 
 def searched(

@@ -30,8 +30,8 @@ from handtrack.tracking.frame.constants import JUMP_SHARE, MERGE_DEG, MIXTURE_DE
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import by_keypoints_alone, minima
 from handtrack.tracking.frame.frame_terms import FrameTerms
+from handtrack.tracking.frame.motion_belief import MotionBelief, unknown_speed
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.hypotheses.motion_belief import MotionBelief, unknown_speed
 from handtrack.tracking.search.engine import Candidate, Round, Search
 
 _COARSE = 10.0  # times sigma, of a first frame's joints: a wide basin

@@ -6,10 +6,9 @@ docs/searches.py lists them all. An objective is one frame as a search sees it: 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from itertools import groupby
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -20,9 +19,8 @@ from handtrack.parallel import in_parallel
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import Solved
 from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.search_report import SearchReport, Tried
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
-
-_LISTED = 6  # candidates of a round that are named
 
 
 @array_dataclass
@@ -137,46 +135,6 @@ class Search:
         return cost < self.factor * standing - self.margin
 
 
-Trial = tuple[str, float]
-"""what became of one candidate in a round: its origin and cost"""
-Tried = list[tuple[int, tuple[Trial, ...]]]
-"""of each round how many were proposed, and those fitted"""
-
-
-@dataclass(frozen=True)
-class SearchReport:
-    """What a search tried in a frame, and what came of it."""
-
-    frame: int
-    search: Search
-    why: str
-    """why it was made in this frame"""
-    rounds: Tried
-    standing: float
-    """cost of the pose that stood; NaN without one"""
-    winner: Trial | None
-    """None: nothing was taken"""
-
-    def lines(self) -> Iterator[str]:
-        """Yield the report in words: what was tried, what it cost, why the winner won."""
-        yield f"- {self.search.situation} ({self.why})"
-        stands = np.isfinite(self.standing)
-        standing = f"standing pose: {self.standing:.2f}, by" if stands else "compared by"
-        yield f"  {standing} {self.search.measure}"
-        for number, (proposed, trials) in enumerate(self.rounds, start=1):
-            yield f"  round {number}: {proposed} proposed, {len(trials)} fitted: {_grouped(trials)}"
-        if self.winner is None:
-            nothing = "better was found; the standing pose stays" if stands else "was taken"
-            yield f"  nothing {nothing}"
-            return
-        search, limit = self.search, self.search.factor * self.standing - self.search.margin
-        origin, cost = self.winner
-        yield f"  taken: {origin} at {cost:.2f}, " + (
-            search.taken
-            or f"below {limit:.2f} ({search.factor:g} × {self.standing:.2f} − {search.margin:g})"
-        )
-
-
 def run_rounds(
     search: Search,
     objective: Objective[C],
@@ -260,33 +218,12 @@ def report(
     winner: Candidate | None,
     standing: float = np.nan,
 ) -> None:
-    """Report a search that was made, if anybody listens."""
-    if control.on_search is not None:
-        best = None if winner is None else (winner.origin, winner.cost)
-        control.on_search(SearchReport(frame, search, why, tried, standing, best))
-
-
-def explained(frame: int, reports: Sequence[SearchReport], result: FrameResult | None) -> list[str]:
-    """Return a frame's searches in words, one line after the other, in the order in which they were made, and its result."""
-    own = [one for one in reports if one.frame == frame]
-    lines = [
-        f"frame {frame}: {len(own)} searches" if own else f"frame {frame}: nothing was searched"
-    ]
-    for one in own:
-        lines += one.lines()
-    if result is not None:
-        found = f"result: {result.status.words}, cost {result.energy:.1f}"
-        lines.append(f"{found}; {result.note}" if result.note else found)
-    return lines
-
-
-def _grouped(trials: Sequence[Trial]) -> str:
-    """Return the best of a round's candidates in words, those of one origin together."""
-    groups = [list(group) for _, group in groupby(sorted(trials), key=lambda t: t[0])]
-    groups.sort(key=lambda group: group[0][1])
-    named = [
-        f"{origin}{f' ×{len(others) + 1}' if others else ''} {cost:.2f}"
-        for (origin, cost), *others in groups[:_LISTED]
-    ]
-    more = len(groups) - _LISTED
-    return ", ".join(named) + (f" and {more} more" if more > 0 else "")
+    """Report a search that was made."""
+    best = None if winner is None else (winner.origin, winner.cost)
+    limit = search.factor * standing - search.margin
+    taken = (
+        search.taken
+        or f"below {limit:.2f} ({search.factor:g} × {standing:.2f} − {search.margin:g})"
+    )
+    found = SearchReport(frame, search.situation, why, search.measure, tried, standing, best, taken)
+    control.observer.search(found)

@@ -24,9 +24,10 @@ from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.search_report import Tried
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement
-from handtrack.tracking.search.engine import Candidate, Search, Tried, report
+from handtrack.tracking.search.engine import Candidate, Search, report
 from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.search.lost_finger import finger_search, with_fingers_found
 

@@ -118,8 +118,8 @@ def refine(recording: Recording, tracked: Sequence[FrameResult]) -> list[FrameRe
     Parameters
     ----------
     recording
-        Model, settings and observations; keyframes and pins hold, and the frames beside follow. What all frames share is reported to its
-        `control`. Keyframes are not returned.
+        Model, settings and observations; keyframes and pins hold, and the frames beside follow. What all frames share is reported to the
+        observer of its `control`. Keyframes are not returned.
     tracked
         As they came, frame after frame, ascending. Where the hand was lost it goes on by its motion from both sides; what was observed
         there is looked at again from such a pose, and counts where the hand is found in it.
@@ -208,7 +208,11 @@ def descend(estimate: RecordingEstimate) -> RecordingEstimate | None:
     """Return the estimate at the least cost nearby, of all poses and of what they share."""
     control = estimate.recording.control
     found = estimate_whole(
-        estimate.evidence, estimate.frames, estimate.poses, control.should_stop, control.on_refined
+        estimate.evidence,
+        estimate.frames,
+        estimate.poses,
+        control.should_stop,
+        control.observer.progress,
     )
     return found and replace(estimate, solution=found, calibrated=found)
 
@@ -230,7 +234,7 @@ def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
     if tried is None or tried.costs.mean() >= at_most:
         return estimate
     again = estimate_whole(
-        evidence.sharing(tried.shared), numbers, tried.poses, control.should_stop, control.on_refined
+        evidence.sharing(tried.shared), numbers, tried.poses, control.should_stop, control.observer.progress
     )  # fmt: skip
     if again is None or found.costs.mean() - again.costs.mean() <= asked:
         return estimate
@@ -245,7 +249,7 @@ def let_outliers_go(estimate: RecordingEstimate) -> RecordingEstimate | None:
     masks = found.shared.through(found.cameras.finding(OUTLINE))
     evidence = replace(estimate.evidence.sharing(masks), wide=False)
     again = estimate_whole(
-        evidence, estimate.frames, found.poses, control.should_stop, control.on_refined
+        evidence, estimate.frames, found.poses, control.should_stop, control.observer.progress
     )
     return again and replace(estimate, evidence=evidence, solution=again)
 
@@ -265,7 +269,7 @@ def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate with each frame's result, of the person and by the cameras that were found; these are reported."""
     found, subject = estimate.solved, estimate.recording.subject
     refinement = Refinement.of(found, estimate.calibrated)
-    estimate.recording.control.on_shared(refinement.text)
+    estimate.recording.control.observer.shared(refinement.text)
     evidence = estimate.evidence.sharing(found.shared)
     if subject is not None and refinement.scale is not None:
         model = subject.build(refinement.scale)

@@ -14,7 +14,7 @@ import pytest
 
 from handtrack import read_npz
 from handtrack.store.store import Store, WritableStore
-from handtrack.tracking.state import Step
+from handtrack.tracking.frame.result import Step
 from tests.app.command_line import FRAMES
 from tests.app.opened import opened_recording
 from tests.session.small_session import edit

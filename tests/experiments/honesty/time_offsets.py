@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack import FrameResult, Session, TrackingRun
+from handtrack.session.run import Reporting
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.whole.refinement import Refinement
 from tests.experiments.honesty import motions, recordings
@@ -73,9 +74,9 @@ def main() -> None:
         clean = np.nan
         for folder in write(data, out, case):
             run, live = tracked(folder)
-            told: list[str] = []
-            found = run.refined(live, Control(on_shared=told.append))
-            shared, error = Refinement.read(told[0]), mean_error_mm(folder, found)
+            told = Reporting()
+            found = run.refined(live, Control(observer=told))
+            shared, error = Refinement.read(told.refinement), mean_error_mm(folder, found)
             clean = error if np.isnan(clean) else clean
             late = " ".join(f"{one.late_frames:+.2f}" for one in shared.cameras)
             print(
