@@ -38,7 +38,7 @@ class Setting:
     """what 1 on the page is, in the setting's own unit"""
     words: Mapping[str, str] = field(default_factory=dict)
     """the page's words for values to choose from"""
-    told: Mapping[str, str] = field(default_factory=dict)
+    explanations: Mapping[str, str] = field(default_factory=dict)
     """a sentence on each of these values, shown below the widget for the one chosen"""
     about: Literal["hand", "body", ""] = ""
     """the only kind of model for which it means anything"""

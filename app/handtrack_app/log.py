@@ -24,10 +24,10 @@ class _OwnFile(RotatingFileHandler):
 
     def _open(self) -> TextIOWrapper:
         Path(self.baseFilename).parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = os.open(self.baseFilename, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+        result = os.open(self.baseFilename, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
         if hasattr(os, "fchmod"):
-            os.fchmod(found, 0o600)  # one that was there before
-        return TextIOWrapper(open(found, "ab"), encoding=self.encoding)
+            os.fchmod(result, 0o600)  # one that was there before
+        return TextIOWrapper(open(result, "ab"), encoding=self.encoding)
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Say nothing."""
@@ -44,13 +44,13 @@ class _Sparing(logging.Filter):
         minute = int(time.monotonic() // 60)
         if minute != self._minute:
             self._minute, self._seen = minute, {}
-        seen = self._seen[record.name] = self._seen.get(record.name, 0) + 1
-        if seen == _A_MINUTE:
+        observed = self._seen[record.name] = self._seen.get(record.name, 0) + 1
+        if observed == _A_MINUTE:
             record.msg, record.args = (
                 f"{record.getMessage()} (more are not written in this minute)",
                 (),
             )
-        return seen <= _A_MINUTE
+        return observed <= _A_MINUTE
 
 
 @contextmanager

@@ -251,8 +251,8 @@ class Workbench:
             newest = pose.version >= self.state.version and not self.state.is_late(pose.frame)
             if newest:
                 self.state.frame, self.state.awaited = pose.frame, None
-                self.state.looks_before = pose.origin == snapshots.BEFORE
-                if not self.state.looks_before:  # edits go on from what is
+                self.state.shows_before = pose.origin == snapshots.BEFORE
+                if not self.state.shows_before:  # edits go on from what is
                     self.state.values_at = pose.frame
                     self.state.values = tuple(pose.values.tolist())
         clients = list(self.server.get_clients().values())

@@ -61,13 +61,13 @@ class EngineInThreads(Worker):
     """The engine on threads of this process, with the face of EngineProcess: quickly started, and its document can be looked at."""
 
     def __init__(self, plan: EnginePlan, publish: Callable[[snapshots.Snapshot], None]) -> None:
-        super().__init__(plan, self._tell)
+        super().__init__(plan, self._record)
         self._publish_on = publish
         self._opened = {is_whole: threading.Event() for is_whole in (False, True)}
         self._why: Exception | None = None
         self.engine = cast("Engine", Caller(lambda *asked: self.send(Call.of(COMMANDS, *asked))))
 
-    def _tell(self, snapshot: snapshots.Snapshot) -> None:
+    def _record(self, snapshot: snapshots.Snapshot) -> None:
         self._publish_on(snapshot)
         if isinstance(snapshot, snapshots.Opened):
             self._why = snapshot.failure

@@ -8,8 +8,8 @@ import pytest
 from handtrack import Session, bundled_session
 from handtrack.session.bundled import bundled_names
 from handtrack_app.access.web_server import LARGEST_FILE
-from handtrack_app.start.found_files import find_files
 from handtrack_app.start.import_progress import ImportProgress
+from handtrack_app.start.input_files import find_files
 from handtrack_app.start.recent import recent_sessions, remember
 from handtrack_app.start.start_page import StartPage
 from tests.app.access.test_messages import begins, part
@@ -93,7 +93,7 @@ def test_a_recording_is_made_in_the_browser(start, folder, tmp_path):
         client.press(folder.name)
         eventually(lambda: start.make.visible)
         assert (
-            "take3_cam0.mp4" in start.found.content
+            "take3_cam0.mp4" in start.listed.content
             and "a calibration.toml" in start.calibration.value
         )
         client.set_value(start.tracked, "left hand")
@@ -119,9 +119,9 @@ def test_a_camera_without_a_video_and_an_unused_video_are_red(start, folder):
     (folder / "take3_cam2.mp4").rename(folder / "zoom.mp4")
     start.folder.value = str(folder)
     start.look()
-    red = start.found.content.split("handtrack-error")[1:]
+    red = start.listed.content.split("handtrack-error")[1:]
     assert any("cam2" in part for part in red) and any("zoom.mp4" in part for part in red)
-    assert start.found.content.count("ready") == 2
+    assert start.listed.content.count("ready") == 2
 
 
 def upload(client, start, path):
@@ -140,8 +140,8 @@ def test_a_calibration_is_uploaded(start, folder, tmp_path):
         eventually(start.web.server.get_clients)
         upload(client, start, tmp_path / "my calibration.toml")
         eventually(lambda: start.make.visible)
-        assert start.found.content.count("ready") == 3
-        (kept,) = start._found.calibrations
+        assert start.listed.content.count("ready") == 3
+        (kept,) = start._files.calibrations
         assert kept.name == "my calibration.toml"
         for path in files:
             upload(client, start, path)
@@ -194,7 +194,7 @@ def test_a_pose2sim_project_is_known(start, asked, tmp_path, monkeypatch):
     with WireClient(start.web.url) as client:
         client.set_value(start.folder, str(trial))
         eventually(lambda: start.make.visible)
-    assert "Pose2Sim" in start.found.content
+    assert "Pose2Sim" in start.listed.content
     assert not start.fetch.visible, "its joints need no detector"
     start.make_session()
     (words,) = asked

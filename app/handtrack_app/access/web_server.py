@@ -228,10 +228,10 @@ def cookie_name(host: str) -> str:
 
 def _only(request: Request, name: str) -> str | None:
     """Return a header; None where it is missing. Raises Rejected where it stands twice."""
-    found = request.headers.get_all(name)
-    if len(found) > 1:
-        raise Rejected(HTTPStatus.BAD_REQUEST, f"The request has {len(found)} headers {name}.")
-    return found[0] if found else None
+    result = request.headers.get_all(name)
+    if len(result) > 1:
+        raise Rejected(HTTPStatus.BAD_REQUEST, f"The request has {len(result)} headers {name}.")
+    return result[0] if result else None
 
 
 def _name(url: str) -> str:

@@ -35,7 +35,7 @@ from handtrack.parallel import thread_count
 from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.session import Session
 from handtrack.session.takes.take_about import files_read, versions_in_use
-from handtrack_app.commands.terminal.output import answer, progress_bar, say, stoppable
+from handtrack_app.commands.terminal.output import answer, print_status, progress_bar, stoppable
 
 LEDGER_FILE = "ledger.jsonl"
 _MADE = {TRACKS_FOLDER, "versions"}
@@ -51,14 +51,16 @@ def recordings(patterns: Sequence[str], words: Sequence[str], out: Path) -> list
     folders: dict[Path, None] = {}
     for pattern in patterns:
         paths = [Path(p) for p in sorted(glob.glob(os.path.expanduser(pattern), recursive=True))]
-        found = [path.parent if path.name == SESSION_FILE else path for path in paths]
-        found = [path.resolve() for path in found if path.is_dir() and not _is_output(path, out)]
-        if not found:
+        results = [path.parent if path.name == SESSION_FILE else path for path in paths]
+        results = [
+            path.resolve() for path in results if path.is_dir() and not _is_output(path, out)
+        ]
+        if not results:
             raise HandtrackError(
                 f"{pattern}: no session folder matches; expected folders with a {SESSION_FILE}, such as 'recordings/*', or "
                 f"'recordings/**/{SESSION_FILE}' for all below a folder."
             )
-        folders |= dict.fromkeys(found)
+        folders |= dict.fromkeys(results)
     ordered = sorted(folders)
     asked = [*words, *(f"{name} {version}" for name, version in sorted(versions_in_use().items()))]
     names = _names(ordered)
@@ -80,12 +82,12 @@ def _names(folders: Sequence[Path]) -> list[str]:
 def _inputs(folder: Path) -> list[str]:
     """Return what stands for everything that is read of a session: contents of small files, sizes and times of large ones."""
     small = sorted(p for p in folder.iterdir() if p.suffix in (".toml", ".json", ".csv", ".npz") and p.is_file())  # fmt: skip
-    told = [f"{path.name} {_digest(path.read_bytes())}" for path in small if path.stat().st_size < 1 << 20]  # fmt: skip
+    report = [f"{path.name} {_digest(path.read_bytes())}" for path in small if path.stat().st_size < 1 << 20]  # fmt: skip
     try:
         read = files_read(Session.open(folder))
-        return [*told, *(f"{what} {digest}" for what, digest in sorted(read.items()))]
+        return [*report, *(f"{what} {digest}" for what, digest in sorted(read.items()))]
     except (HandtrackError, OSError):  # it will be refused; again, as long as nothing in it changes
-        return [*told, *_listing(folder)]
+        return [*report, *_listing(folder)]
 
 
 def _listing(folder: Path) -> list[str]:
@@ -166,14 +168,14 @@ class Outcome:
 def read_ledger(file: Path) -> list[Outcome]:
     """Return what a ledger says, in its order; a line that was torn by a crash, or is nobody's, is left out."""
     known = {entry.name for entry in fields(Outcome)}
-    found = []
+    results = []
     for line in file.read_bytes().splitlines() if file.is_file() else ():
         try:
             table = json.loads(line)
-            found.append(Outcome(**{key: value for key, value in table.items() if key in known}))
+            results.append(Outcome(**{key: value for key, value in table.items() if key in known}))
         except (ValueError, TypeError, AttributeError):
             continue
-    return found
+    return results
 
 
 def latest(outcomes: list[Outcome]) -> dict[str, Outcome]:
@@ -232,8 +234,8 @@ def track_one(
     command = [sys.executable, "-m", _CHILD, "track", recording.folder, *words, "--json"]
     where = os.pathsep.join(path for path in sys.path if path)
     environment = os.environ | {"HANDTRACK_THREADS": str(threads), "PYTHONPATH": where}
-    with log.open("wb") as errors, log.with_suffix(".json").open("w+b") as told:
-        child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=told, stderr=errors, env=environment)  # fmt: skip
+    with log.open("wb") as errors, log.with_suffix(".json").open("w+b") as message:
+        child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=message, stderr=errors, env=environment)  # fmt: skip
         asked = False
         while child.poll() is None:
             if should_stop() and not asked:
@@ -244,8 +246,8 @@ def track_one(
                 child.wait(_CHILD_POLL_S)
         if child.stdin is not None:
             child.stdin.close()
-        told.seek(0)
-        text = told.read().decode(errors="replace")
+        message.seek(0)
+        text = message.read().decode(errors="replace")
     log.with_suffix(".json").unlink()
     # told to stop before it could listen: it has saved nothing, for it had begun nothing
     code = _STOPPED if asked and child.returncode == -signal.SIGTERM else child.returncode
@@ -304,7 +306,7 @@ def on_this_machine(
     track_it: Track,
     jobs: int,
     should_stop: Callable[[], bool],
-    tell: Callable[[Outcome], None],
+    report: Callable[[Outcome], None],
 ) -> Iterator[Outcome]:
     """Yield outcomes as they come, `jobs` recordings at a time. tell: is told that one is begun.
 
@@ -318,7 +320,7 @@ def on_this_machine(
     def track(recording: Outcome) -> Outcome | None:
         if stopped():
             return None
-        tell(recording)
+        report(recording)
         return track_it(recording, stopped)
 
     with ThreadPoolExecutor(jobs, "batch") as pool:
@@ -556,7 +558,7 @@ def run(options: BatchOptions) -> int:
     out.mkdir(parents=True, exist_ok=True)
     if len(todo) < len(plan):
         same = len(plan) - len(todo)
-        say(
+        print_status(
             f"{same} of {len(plan)} recordings are left as they are: same inputs, settings, version."
         )
     track_it = partial(track_one, words, out, max(thread_count() // options.jobs, 1))
@@ -578,10 +580,10 @@ def run(options: BatchOptions) -> int:
     write_report(out, list(ended.values()))
     own = [ended[one.folder] for one in plan if one.folder in ended]
     files = {"report": str(out / "report.html"), "table": str(out / "report.csv"), "ledger": str(ledger)}  # fmt: skip
-    told = {"recordings": [outcome.table() for outcome in own], **files}
-    answer(options.json, told, f"{in_words(own)}. Report: {out / 'report.html'}")
+    report = {"recordings": [outcome.table() for outcome in own], **files}
+    answer(options.json, report, f"{in_words(own)}. Report: {out / 'report.html'}")
     if stopped or any(one.state == INTERRUPTED for one in own):
-        say("handtrack batch: interrupted; --resume goes on.")
+        print_status("handtrack batch: interrupted; --resume goes on.")
         return _INTERRUPTED
     poor = [o for o in own if o.state != DONE or o.share("lost") > options.most_lost]
     return _SOME if poor else _OK

@@ -38,7 +38,7 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
-from handtrack_app.commands.terminal.output import answer, output_file, progress_bar, say
+from handtrack_app.commands.terminal.output import answer, output_file, print_status, progress_bar
 
 _Inputs = dict[str, dict[str, FrameSource]]
 """by camera, its sources: `shared`, matched between cameras by frame number, and `alone`, of its lens"""
@@ -91,22 +91,24 @@ def calibrate(options: CalibrateOptions) -> int:
     previous = keep_version(options.out)
     with replacing(options.out) as part:
         write_rig(part, calibration.rig)
-    say(f"wrote {options.out}{f'; the one before is kept as {previous}' if previous else ''}")
+    print_status(
+        f"wrote {options.out}{f'; the one before is kept as {previous}' if previous else ''}"
+    )
     return 0
 
 
 def _inputs(options: CalibrateOptions) -> _Inputs:
-    found = _Inputs()
+    result = _Inputs()
     uses = (("shared", "--camera", options.camera), ("alone", "--intrinsics", options.intrinsics))
     for use, option, given in uses:
         for name, parts in given.items():
             source = _source(parts, f"{option} {name}", options.bayer, synchronised=use == "shared")
-            found.setdefault(name, {})[use] = source
-    if not found:
+            result.setdefault(name, {})[use] = source
+    if not result:
         raise HandtrackError(
             "no camera given: --camera NAME=FILES (images, a folder or a video), once per camera."
         )
-    return found
+    return result
 
 
 def _expanded(part: str, where: str) -> list[Path]:
@@ -114,8 +116,8 @@ def _expanded(part: str, where: str) -> list[Path]:
     if path.is_dir():
         files = [p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
     else:
-        found = [path] if path.is_file() else map(Path, glob.glob(part, recursive=True))
-        files = [p for p in found if p.is_file()]
+        result = [path] if path.is_file() else map(Path, glob.glob(part, recursive=True))
+        files = [p for p in result if p.is_file()]
     if not files:
         raise HandtrackError(
             f"{where}: nothing found at {part}; expected images, a folder of them, or a video."
@@ -151,7 +153,7 @@ def _searched(inputs: _Inputs, board: Board, most: int) -> list[CameraViews]:
         for use, source in sources.items()
     ]
     total = sum(sum(source.has(frame) for frame in frames) for *_, source, frames in plans)
-    found: dict[str, CameraViews] = {}
+    results: dict[str, CameraViews] = {}
     with progress_bar(total, "looking for the board") as bar:
         for name, use, source, frames in plans:
             views, size, tried = search_views(source, board, frames, bar.update)
@@ -159,14 +161,14 @@ def _searched(inputs: _Inputs, board: Board, most: int) -> list[CameraViews]:
                 raise HandtrackError(
                     f"camera '{name}': no image could be read from {source.where}."
                 )
-            before = found.get(name) or CameraViews(name, size, (), (), 0, source.where)
+            before = results.get(name) or CameraViews(name, size, (), (), 0, source.where)
             if before.size != size:
                 raise HandtrackError(
                     f"camera '{name}': images for the lens alone are {size[0]} x {size[1]}, the others "
                     f"{before.size[0]} x {before.size[1]}; expected one size."
                 )
-            found[name] = replace(before, tried=tried + before.tried, **{use: tuple(views)})
-    return list(found.values())
+            results[name] = replace(before, tried=tried + before.tried, **{use: tuple(views)})
+    return list(results.values())
 
 
 def _some_images(inputs: _Inputs, cameras: Sequence[CameraViews]) -> list[Array]:
@@ -198,7 +200,7 @@ def _write_report(calibration: RigCalibration, board: Board, options: CalibrateO
         with replacing(path) as part:
             part.write_bytes(content)
     answer(options.json, calibration.report, text)
-    say(f"wrote {', '.join(map(str, files))}")
+    print_status(f"wrote {', '.join(map(str, files))}")
 
 
 # ---- `handtrack board`: a calibration board to print

@@ -21,7 +21,7 @@ from handtrack.model.model_file import load_model, read_definition
 from handtrack.session.formats.imported_truth import import_truth
 from handtrack.session.formats.tables import read_npz
 from handtrack.tracking.size.spread import spread_of_track
-from handtrack_app.commands.terminal.output import answer, output_file, say
+from handtrack_app.commands.terminal.output import answer, output_file, print_status
 
 _SIZES_M = (0.02, 3.0)
 """of what may be tracked: a small gripper to more than a tall body"""
@@ -36,23 +36,25 @@ def check_model(file: Path, out: Path | None, json: bool) -> int:
         if out.exists():
             raise HandtrackError(f"--out {out}: there is such a file already; name another one.")  # fmt: skip
     model = load_model(file)
-    found = findings(model)
-    told = {
+    result = findings(model)
+    report = {
         "name": model.name, "kind": model.kind, "bones": len(model.skeleton.bone_names),
         "freedoms": list(model.parameter_names[6:]), "joints": list(model.joint_names),
-        "ellipsoids": {key: len(flesh.bone) for key, flesh in model.flesh.items()}, "findings": found, "output": out,
+        "ellipsoids": {key: len(ellipsoids.bone) for key, ellipsoids in model.flesh.items()}, "findings": result, "output": out,
     }  # fmt: skip
     if out is not None:
         is_robot = out.suffix.lower() == _ROBOT
         text = urdf_text(model) if is_robot else definition_text(read_definition(file), file)
         replace_text(out, text)
-    shapes = ", ".join(f"{count} ellipsoids in {key}" for key, count in told["ellipsoids"].items())
+    shapes = ", ".join(
+        f"{count} ellipsoids in {key}" for key, count in report["ellipsoids"].items()
+    )
     words = (
-        f"{model.name}: {told['bones']} bones, {len(told['freedoms'])} freedoms besides the root's six, "
-        f"{len(told['joints'])} joints, {shapes}. {'Nothing odd was found.' if not found else ''}"
+        f"{model.name}: {report['bones']} bones, {len(report['freedoms'])} freedoms besides the root's six, "
+        f"{len(report['joints'])} joints, {shapes}. {'Nothing odd was found.' if not result else ''}"
     )
     written = [] if out is None else [f"written to {out}; to use it: [hand], model in a session, or load_model()"]  # fmt: skip
-    answer(json, told, words.rstrip(), *(f"warning: {text}" for text in found), *written)
+    answer(json, report, words.rstrip(), *(f"warning: {text}" for text in result), *written)
     return 0
 
 
@@ -61,22 +63,22 @@ def findings(model: ArticulatedModel) -> list[str]:
     low, high = model.limits.interval[6:].T
     names, bones = model.parameter_names[6:], model.skeleton.bone_names
     rest = model.rest[6:]
-    found = [f"freedom '{n}' has no room: its limits are equal" for n, a, b in zip(names, low, high) if a == b]  # fmt: skip
-    found += [
+    results = [f"freedom '{n}' has no room: its limits are equal" for n, a, b in zip(names, low, high) if a == b]  # fmt: skip
+    results += [
         f"freedom '{name}': its rest of {np.rad2deg(r):.0f}° is outside of its limits"
         for name, r, a, b in zip(names, rest, low, high) if not a - 1e-9 <= r <= b + 1e-9
     ]  # fmt: skip
     bare = [bone for b, bone in enumerate(bones) if b not in set(model.flesh["fine"].bone.tolist())]
     moving = {bones[b] for b in model.skeleton.hinge_bone}
     last = [b for b in bare if b in moving and bones.index(b) not in model.skeleton.parent]
-    found += [f"bone '{bone}' moves but has no ellipsoid: silhouettes cannot measure it" for bone in last]  # fmt: skip
-    flesh = model.flesh["fine"]
-    thin = np.flatnonzero(flesh.radii.min(axis=1) < _THIN_M)
-    found += [f"ellipsoid {bones[flesh.bone[n]]}_{n} is thinner than 0.1 mm" for n in thin]
+    results += [f"bone '{bone}' moves but has no ellipsoid: silhouettes cannot measure it" for bone in last]  # fmt: skip
+    ellipsoids = model.flesh["fine"]
+    thin = np.flatnonzero(ellipsoids.radii.min(axis=1) < _THIN_M)
+    results += [f"ellipsoid {bones[ellipsoids.bone[n]]}_{n} is thinner than 0.1 mm" for n in thin]
     size = float(np.ptp(model.joint_positions(model.bones(model.rest_params())), axis=0).max())
     if not _SIZES_M[0] < size < _SIZES_M[1]:
-        found.append(f"its joints are {size:.3g} m apart at most: is the unit wrong? Definitions are in millimetres, URDF in metres")  # fmt: skip
-    return found
+        results.append(f"its joints are {size:.3g} m apart at most: is the unit wrong? Definitions are in millimetres, URDF in metres")  # fmt: skip
+    return results
 
 
 def definition_text(table: Mapping[str, object], source: Path) -> str:
@@ -104,7 +106,7 @@ def compare_with_truth(poses: Path, truth: Path, landmarks: str | None, json: bo
     track = read_npz(poses)
     reference, note = import_truth(truth, track.side)
     if note:
-        say(f"note: {note}")
+        print_status(f"note: {note}")
     try:
         compared = in_truths_landmarks(track, reference, landmarks)
         definition = compared.keypoint_definition or JOINT_CENTRES
@@ -113,20 +115,20 @@ def compare_with_truth(poses: Path, truth: Path, landmarks: str | None, json: bo
         raise HandtrackError(f"{poses} and {truth}: {error}") from None
     median = metrics["mpjpe_median_mm"]
     if median is not None and median > _FAR_MM:
-        say(
+        print_status(
             f"note: result and truth are {median / 1000:.3g} m apart (median). Is {truth} in metres, and in the world of "
             "the calibration?"
         )
     own, theirs = track.landmark_definition, reference.keypoint_definition
     if theirs not in (None, definition):
-        say(f"note: the points of {truth} are {theirs}; compared are {definition}.")
+        print_status(f"note: the points of {truth} are {theirs}; compared are {definition}.")
     elif own is not None and theirs is None and landmarks is None:
-        say(
+        print_status(
             f"note: compared are {definition}; --landmarks {own} compares the points as that detector means them."
         )
     if json:
-        told = metrics | {"keypoint_definition": definition}
-        print(dumps(told, indent=1, allow_nan=False))
+        report = metrics | {"keypoint_definition": definition}
+        print(dumps(report, indent=1, allow_nan=False))
         return 0
     joints = [name[9:-3] for name in metrics if _OF_A_JOINT.fullmatch(name)]
     rows = {j: [f"{head}{j}{tail}" for head, tail in _COLUMNS.values()] for j in joints}
@@ -152,20 +154,20 @@ def measure_spread(poses: Path, json: bool) -> int:
     """Print the four settings as lines of [tracking], and how well they explain what was seen."""
     track = read_npz(poses)
     try:
-        found = spread_of_track(track)
+        result = spread_of_track(track)
     except HandtrackError as error:
         raise HandtrackError(f"{poses}: {error}") from None
-    settings = found.settings()
-    told = {
+    settings = result.settings()
+    report = {
         "settings": settings,
-        "frames": found.frames,
-        "residual_rad": found.residual_rad,
-        "explained": found.explained,
+        "frames": result.frames,
+        "residual_rad": result.residual_rad,
+        "explained": result.explained,
     }
-    answer(json, told, *(f"{name} = {value:g}" for name, value in settings.items()))
-    say(
-        f"from {found.frames} {'frame' if found.frames == 1 else 'frames'}; the linkage leaves {np.rad2deg(found.residual_rad):.1f}° of the abductions unexplained "
-        f"({100 * found.explained:.0f} % of their squares explained). Use with model.coupling = 18."
+    answer(json, report, *(f"{name} = {value:g}" for name, value in settings.items()))
+    print_status(
+        f"from {result.frames} {'frame' if result.frames == 1 else 'frames'}; the linkage leaves {np.rad2deg(result.residual_rad):.1f}° of the abductions unexplained "
+        f"({100 * result.explained:.0f} % of their squares explained). Use with model.coupling = 18."
     )
     return 0
 
@@ -179,7 +181,7 @@ def run_benchmarks(name: str | None, json: bool) -> int:
     figures: dict[str, dict[str, object]] = {}
     for one in chosen:
         measure = benchmark(one)
-        say(f"{one} …")
+        print_status(f"{one} …")
         figures[one] = measure()
     lines = [
         line
@@ -199,7 +201,7 @@ def compile_kernels(json: bool) -> int:
 
     begun = time.perf_counter()
     for kind in warm_up():
-        say(f"compiled for {kind}")
+        print_status(f"compiled for {kind}")
     seconds = time.perf_counter() - begun
     words = f"ready after {seconds:.0f} s; kept for this machine and this version"
     answer(json, {"seconds": round(seconds, 1)}, words)

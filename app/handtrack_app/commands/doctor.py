@@ -25,7 +25,7 @@ def check_session(session: Path, picture: Path | None, json: bool) -> int:
     opened.check_init()
     findings = examine(opened)
     keep_audits(opened.folder, opened.videos)
-    findings = sorted(findings, key=lambda found: -SEVERITIES.index(found.severity))
+    findings = sorted(findings, key=lambda result: -SEVERITIES.index(result.severity))
     counts = {kind: sum(f.severity == kind for f in findings) for kind in ("error", "warning")}
     odd = [f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n]
     lines = [f"{finding.severity}: {finding.text}" for finding in findings]
@@ -33,8 +33,8 @@ def check_session(session: Path, picture: Path | None, json: bool) -> int:
     if picture is not None:
         _draw(opened, findings, picture)
         lines.append(f"the rig is drawn in {picture}.")
-    told = [{"severity": finding.severity, "text": finding.text} for finding in findings]
-    answer(json, {"session": opened.name, "findings": told, "picture": picture}, *lines)
+    report = [{"severity": finding.severity, "text": finding.text} for finding in findings]
+    answer(json, {"session": opened.name, "findings": report, "picture": picture}, *lines)
     return 0
 
 

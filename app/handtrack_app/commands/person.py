@@ -23,7 +23,7 @@ from handtrack_app.commands.terminal.output import (
     answer,
     note,
     output_file,
-    say,
+    print_status,
     saying_compiling,
     share_bar,
     stoppable,
@@ -32,8 +32,8 @@ from handtrack_app.commands.terminal.track_options import (
     TrackingOptions,
     ask_for_other_side,
     asked_for,
-    found_first_pose,
     parse_frames,
+    search_first_pose,
 )
 
 _FILES = {
@@ -67,17 +67,17 @@ def fit_person(options: PersonOptions) -> int:
     out = _new_file(options.out or session.folder / _FILES[options.command][kind], kind)
     with stoppable() as stop, saying_compiling():
         if options.init == "auto":
-            first = found_first_pose(session, overrides, frames, stop, options.yes)
-        say(
+            first = search_first_pose(session, overrides, frames, stop, options.yes)
+        print_status(
             f"tracking {len(frames)} frames, and fitting the {kind}'s size to {options.count} of them …"
         )
         before = after = None
         if not stop():
             before = TrackingRun.open(session, overrides, first, stop)
-            with share_bar("sizing") as tell:
-                after = before.fit_size(stop, frames, options.count, tell, sizes=True)
+            with share_bar("sizing") as report:
+                after = before.fit_size(stop, frames, options.count, report, sizes=True)
         if stop() or before is None or after is None:
-            say(f"handtrack {options.command}: interrupted; nothing was saved.")
+            print_status(f"handtrack {options.command}: interrupted; nothing was saved.")
             return INTERRUPTED
     if after.scale is before.scale:
         raise HandtrackError(
@@ -182,5 +182,7 @@ def fit_skin(session: Path, segmented: list[list[str]] | None, size: float, json
         f"[clouds] of {SESSION_FILE}: skin.{kept}",
     )
     if images == 1:
-        say("note: one image; a second under other light makes the ellipse hold there as well.")
+        print_status(
+            "note: one image; a second under other light makes the ellipse hold there as well."
+        )
     return 0

@@ -26,7 +26,7 @@ from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import Take
 from handtrack.tracking.frame.result import TrackResult
-from handtrack_app.commands.terminal.output import answer, note, output_file, say
+from handtrack_app.commands.terminal.output import answer, note, output_file, print_status
 from handtrack_app.commands.terminal.track_options import parse_frames
 
 _NEGLIGIBLE_M = 1e-4  # a tenth of a millimetre: the bound that every format is held to
@@ -76,12 +76,12 @@ def export_poses(options: ExportOptions) -> int:
         ) from None
     kept = f"; the file before is kept as {previous}" if previous else ""
     beside = f", with {', '.join(path.name for path in written[1:])}" if written[1:] else ""
-    told = {"frames": len(table.track), "output": out, "files": written, "previous": previous}
-    answer(options.json, told, f"{len(table.track)} frames written to {out}{beside}{kept}")
+    report = {"frames": len(table.track), "output": out, "files": written, "previous": previous}
+    answer(options.json, report, f"{len(table.track)} frames written to {out}{beside}{kept}")
     if folder is not None:
         note(*_foreign(table.track, options.poses, folder))
     if chosen.one_skeleton and table.misfit_m > _NEGLIGIBLE_M:
-        say(
+        print_status(
             f"note: {options.poses} has frames with different hand sizes; {options.to} has one skeleton for all, with errors of up to "
             f"{1e3 * table.misfit_m:.1f} mm in some frames."
         )
@@ -93,8 +93,8 @@ def _foreign(track: TrackResult, poses: Path, folder: Path) -> list[str]:
     with suppress(HandtrackError):  # a session that cannot be read: its result can all the same
         session = Session.open(folder)
         own = poses.resolve() == (folder / POSES_FILE).resolve()
-        found = foreign_takes(Store(folder / TRACKS_FOLDER), session) if own else []
-        return found or foreign_result(track, str(poses), session)
+        result = foreign_takes(Store(folder / TRACKS_FOLDER), session) if own else []
+        return result or foreign_result(track, str(poses), session)
     return []
 
 
@@ -153,17 +153,17 @@ def _compare(
     as_json: bool, store: Store, session: Session, numbers: list[int], frames: range | None
 ) -> None:
     takes = [store.take(number) for number in numbers]
-    found = compared(*(take.track(frames) for take in takes))
+    result = compared(*(take.track(frames) for take in takes))
     if session.truth is not None:
         for take in takes:
             error = evaluate(take.track(frames), session.truth)["mpjpe_tracked_mm"]
-            found[f"take_{take.number}_error_mm"] = error
+            result[f"take_{take.number}_error_mm"] = error
     for take in takes:
         overlap = _overlap(session, take, frames)
         if overlap is not None:
-            found[f"take_{take.number}_overlap"] = overlap
-    shown = {name: "-" if value is None else f"{value:.4g}" for name, value in found.items()}
-    answer(as_json, found, *(f"{name:28s} {value}" for name, value in shown.items()))
+            result[f"take_{take.number}_overlap"] = overlap
+    shown = {name: "-" if value is None else f"{value:.4g}" for name, value in result.items()}
+    answer(as_json, result, *(f"{name:28s} {value}" for name, value in shown.items()))
 
 
 def _overlap(session: Session, take: Take, frames: range | None) -> float | None:
@@ -182,7 +182,9 @@ def _overlap(session: Session, take: Take, frames: range | None) -> float | None
             take.results(frames),
         )
     except (HandtrackError, ValueError, KeyError, TypeError) as error:
-        say(f"note: the overlap of take {take.number} with the masks cannot be computed: {error}")
+        print_status(
+            f"note: the overlap of take {take.number} with the masks cannot be computed: {error}"
+        )
         return None
 
 
@@ -190,23 +192,23 @@ def _list(as_json: bool, store: Store, session: Session) -> None:
     spans, damage, holder = store.current(), store.damage(), holder_of(store.folder)
     foreign = foreign_takes(store, session)
     listed = [_listed(take, spans) for take in store.takes()]
-    told = {
+    report = {
         "takes": [table for table, _ in listed],
         "damage": damage,
         "foreign": foreign,
         "writer": holder and str(holder),
     }
     none = f"{store.folder}: no takes yet; `handtrack track` makes one."
-    answer(as_json, told, *([words for _, words in listed] or [none]))
+    answer(as_json, report, *([words for _, words in listed] or [none]))
     if holder is not None:
-        say(f"note: {holder} is writing here.")
+        print_status(f"note: {holder} is writing here.")
     note(*foreign, *damage)
 
 
 def _listed(take: Take, spans: Sequence[Span]) -> tuple[dict[str, object], str]:
     """Return what is told of a take, as JSON has it (spans of frames are half-open), and in words."""
     current = [(span.first, span.stop) for span in spans if span.take == take.number]
-    told: dict[str, object] = {
+    report: dict[str, object] = {
         "take": take.number, "bytes": take.bytes, "current": current, "begun": "", "by": "", "frames": (0, 0), "statuses": {},
         "finished": False, "settings": {}, "versions": {}, "damage": "",
     }  # fmt: skip
@@ -214,9 +216,9 @@ def _listed(take: Take, spans: Sequence[Span]) -> tuple[dict[str, object], str]:
     try:
         about = take.about
     except HandtrackError as error:
-        return told | {"damage": str(error)}, f"take {take.number}: {size}, damaged"
+        return report | {"damage": str(error)}, f"take {take.number}: {size}, damaged"
     counts = Counter(take.statuses.values())
-    told |= {
+    report |= {
         "begun": about.begun, "by": about.by, "frames": about.frames, "statuses": {s.name.lower(): n for s, n in counts.items()}, "finished": take.is_finished,
         "settings": json.loads(about.labels.settings or "{}"), "versions": dict(about.versions),
     }  # fmt: skip
@@ -226,4 +228,4 @@ def _listed(take: Take, spans: Sequence[Span]) -> tuple[dict[str, object], str]:
     words += [] if take.is_finished else ["not finished"]
     if current:
         words.append("current for " + ", ".join(f"{a}:{b}" for a, b in current))
-    return told, f"take {take.number}: {about.begun} by {about.by}, {', '.join(words)}"
+    return report, f"take {take.number}: {about.begun} by {about.by}, {', '.join(words)}"

@@ -38,8 +38,8 @@ from handtrack_app.commands.terminal.output import (
     check_new,
     new_folder,
     output_file,
+    print_status,
     progress_bar,
-    say,
 )
 
 _HAND, _BODY = ("open_fist_open", 0.5), ("dance", 3.5)
@@ -199,12 +199,12 @@ def retarget(options: RetargetOptions) -> int:
         lines.append(
             f"Open it with: handtrack open {options.out}; export it with: handtrack export {options.out}/tracks/poses.npz --to FORMAT"
         )
-    told = {
+    report = {
         "out": options.out, "model": name, "frames": len(motion.params), "fps": clip.fps, "scale": motion.model.scale.overall,
         "median_mm": round(float(np.nanmedian(errors)), 2), "p95_mm": round(float(np.nanpercentile(errors, 95)), 2),
         "joints_mm": table,
     }  # fmt: skip
-    answer(options.json, told, *lines)
+    answer(options.json, report, *lines)
     return 0
 
 
@@ -231,10 +231,10 @@ def model_of(options: MotionOptions, names: Sequence[str], path: Path) -> str:
         matched_joints(load_model("body34"), names, str(path))
     except HandtrackError as unknown:
         try:
-            found, _ = matched_joints(load_model("hand26"), names, str(path))
+            result, _ = matched_joints(load_model("hand26"), names, str(path))
         except HandtrackError:
             raise unknown from None
-        if len(found) < _HAND_JOINTS:
+        if len(result) < _HAND_JOINTS:
             raise unknown from None
         return "hand26"
     return "body34"
@@ -253,7 +253,9 @@ def clip_of(
         if options.names is None
         else read_table(options.names, model, theirs.names)
     )
-    say(f"{path}: {form}, {len(theirs.positions)} frames at {theirs.fps:.4g} a second; {words}")
+    print_status(
+        f"{path}: {form}, {len(theirs.positions)} frames at {theirs.fps:.4g} a second; {words}"
+    )
     clip, unit_m, notes = in_metres(theirs, names, model.kind, options.unit_m or unit_m, str(path))
     axis = upright_axis(clip)
     up = (
@@ -262,7 +264,7 @@ def clip_of(
         else [f"up is {axis_words(axis)}, as the shoulders stand above the hips."]
     )
     for text in (*notes, *up):
-        say(text)
+        print_status(text)
     return clip, unit_m
 
 
@@ -277,10 +279,10 @@ def fitted(
     build = model_builder(name, side)
     with progress_bar(len(clip.positions), "fitting") as bar:
 
-        def tell() -> None:
+        def report() -> None:
             bar.update()
 
-        return captured(build, clip, None if scale is None else read_scale(scale), tell, posed)
+        return captured(build, clip, None if scale is None else read_scale(scale), report, posed)
 
 
 def residuals(motion: Captured) -> dict[str, float]:

@@ -41,8 +41,8 @@ from handtrack_app.commands.terminal.output import (
     INTERRUPTED,
     Stop,
     note,
+    print_status,
     progress_bar,
-    say,
     saying_compiling,
     share_bar,
     stoppable,
@@ -54,9 +54,9 @@ from handtrack_app.commands.terminal.track_options import (
     asked_for,
     check_recording,
     first_pose_of_images,
-    found_first_pose,
     parse_frames,
     percent,
+    search_first_pose,
     writable,
 )
 from handtrack_app.rerun.recorder import ResidualRecorder
@@ -116,20 +116,20 @@ def run(options: TrackOptions) -> int:
         take_recorder as take,
     ):
         if options.init == "auto":
-            first = found_first_pose(session, overrides, frames, stop, options.yes)
+            first = search_first_pose(session, overrides, frames, stop, options.yes)
         elif (given := first or session.init) is not None and given.pixels:
             first = first_pose_of_images(session, settings, given, options.yes)
         if stop():
-            say("handtrack track: interrupted before the first frame; nothing was saved.")
+            print_status("handtrack track: interrupted before the first frame; nothing was saved.")
             return INTERRUPTED
         unsized = TrackingRun.open(session, {**overrides, "model.fit_size": "false"}, first, stop)
         run_ = unsized.with_values({"model.fit_size": settings.model.fit_size})
         if options.size_later and not (settings.model.fit_size == "later" and run_.size_is_open):
-            say("note: --size-later has no effect: the size is fixed, not fitted.")
+            print_status("note: --size-later has no effect: the size is fixed, not fitted.")
         recorder = None
         if options.rerun or options.rerun_save:
             recorder = ResidualRecorder(
-                run_, options.rerun, options.rerun_save, options.rerun_frame, lambda url: say(f"residuals are shown at {url}")
+                run_, options.rerun, options.rerun_save, options.rerun_frame, lambda url: print_status(f"residuals are shown at {url}")
             )  # fmt: skip
         progress = Progressing(take, recorder, options.explain)
         control = Control(stop, progress)
@@ -162,13 +162,13 @@ def _save(
     take.check()
     run, results, frames = end.run, end.results, end.frames
     if not results:
-        say("handtrack track: interrupted before the first frame; nothing was saved.")
+        print_status("handtrack track: interrupted before the first frame; nothing was saved.")
         return INTERRUPTED
     track = end.track
     try:
         whole = track if end.is_complete else take.with_earlier(track)
     except HandtrackError:
-        say(
+        print_status(
             f"handtrack track: {end.problem or 'interrupted;'} the track before, of another model, stays. The {len(results)} "
             f"frames tracked so far are take {take.number}: `handtrack takes {run.session.folder} --restore {take.number}` "
             "makes them the track."
@@ -183,7 +183,7 @@ def _save(
     notes = [
         *dict.fromkeys([*run.session.corrected_words, *run.session.warnings, *run.notes]),
         *warnings,
-        *_doubts(results),
+        *_confidence_notes(results),
     ]
     hand = hand_words(run.model)
     if json_since is None:
@@ -206,7 +206,7 @@ def _save(
             f"{end.problem} Tracking ended there; the {len(results)} frames tracked before it are in {place}{over}."
         )
     if end.cancelled:
-        say(
+        print_status(
             f"handtrack track: interrupted; the {len(results)} frames tracked so far are in {place}{over}."
         )
         return INTERRUPTED
@@ -235,15 +235,15 @@ def _write(out: Path, track: TrackResult) -> tuple[Path, str]:
     return out, ""
 
 
-def _doubts(results: Sequence[FrameResult]) -> list[str]:
+def _confidence_notes(results: Sequence[FrameResult]) -> list[str]:
     """Return a sentence on the lost frames and one on those of low confidence, with the first one's reason."""
     notes = []
     for status, word in ((Status.LOST, "lost"), (Status.DOUBTFUL, "low confidence")):
-        found = sorted((r for r in results if r.status == status), key=lambda r: r.frame)
-        if found:
-            frames = listed([r.frame for r in found])
+        detections = sorted((r for r in results if r.status == status), key=lambda r: r.frame)
+        if detections:
+            frames = listed([r.frame for r in detections])
             notes.append(
-                f"{word}: frames {frames}; the first: {found[0].note or 'no reason given'}."
+                f"{word}: frames {frames}; the first: {detections[0].note or 'no reason given'}."
             )
     queue = queue_words(intervals_to_review(sorted(results, key=lambda r: r.frame)))
     return [*notes, queue] if queue else notes
@@ -252,11 +252,11 @@ def _doubts(results: Sequence[FrameResult]) -> list[str]:
 def _summarise(recorder: ResidualRecorder, saved: Path | None) -> None:
     """Say how recording went."""
     if recorder.problem:
-        say(f"note: {recorder.problem}")
+        print_status(f"note: {recorder.problem}")
     elif saved:
-        say(f"residuals are in {saved}; look at them with: rerun {saved}")
+        print_status(f"residuals are in {saved}; look at them with: rerun {saved}")
     if recorder.without_pictures:
-        say(
+        print_status(
             f"note: {recorder.without_pictures} frames were recorded without pictures; tracking was faster."
         )
 
@@ -264,7 +264,7 @@ def _summarise(recorder: ResidualRecorder, saved: Path | None) -> None:
 def _end_viewer(recorder: ResidualRecorder, wait: bool) -> None:
     """End rerun's viewer; wait: only when whoever sits at the terminal has seen enough."""
     if wait and sys.stdin.isatty() and sys.stderr.isatty() and not recorder.problem:
-        say(f"the residuals stay at {recorder.url} until Ctrl-C.")
+        print_status(f"the residuals stay at {recorder.url} until Ctrl-C.")
         with suppress(KeyboardInterrupt):
             while True:
                 time.sleep(3600)
@@ -308,10 +308,10 @@ class Progressing(Observer):
             self._bars.close()
             self._stage = progress.stage
             if progress.message:
-                say(progress.message)
-            self._tell = self._bars.enter_context(share_bar(_STAGES[progress.stage]))
+                print_status(progress.message)
+            self._report = self._bars.enter_context(share_bar(_STAGES[progress.stage]))
         if progress.share > 0:
-            self._tell(progress.share, progress.message)
+            self._report(progress.share, progress.message)
 
     def follow(self, events: Iterator[Event], stop: Stop) -> tuple[Ended, list[str]]:
         """Follow a tracking to its end; return how it ended, and its warnings."""
@@ -337,7 +337,7 @@ class Progressing(Observer):
                 self._bars.close()
                 if event.resumed:
                     words = f"resuming at frame {len(event.resumed)} of {len(event.frames)}"
-                    say(f"{words} (take {self._take.number}; --restart begins anew)")
+                    print_status(f"{words} (take {self._take.number}; --restart begins anew)")
                 if recorder is not None:
                     recorder.go_on_with(event.run)
                 self._bar = self._bars.enter_context(progress_bar(len(event.frames), "tracking"))
@@ -352,7 +352,7 @@ class Progressing(Observer):
                     recorder.show(result)
             case SizeFitted():
                 self._bars.close()
-                say(_size_words(event, self._run))
+                print_status(_size_words(event, self._run))
             case _:
                 pass
 

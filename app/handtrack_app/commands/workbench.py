@@ -11,7 +11,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session, demo_session
 from handtrack.session.layout import SESSION_FILE
 from handtrack_app.access.address import FIRST_PORT, choose_port
-from handtrack_app.commands.terminal.output import check_new, say
+from handtrack_app.commands.terminal.output import check_new, print_status
 from handtrack_app.log import ENGINE_LOG
 from handtrack_app.process.child import (
     EngineChild,
@@ -86,18 +86,18 @@ def _choose(options: ServerOptions, web: WebServer | None = None) -> int:
 
     port = FIRST_PORT if options.port is None else options.port
     use_one_arena()
-    told = ""
+    report = ""
     while True:
         port, token = (port, None) if web is None else (web.port, web.token)
-        chosen = choose_recording(options.host, port, not options.no_browser, token, told)
+        chosen = choose_recording(options.host, port, not options.no_browser, token, report)
         if chosen is None:
             return 0
         folder, web = chosen
         try:
             web = _serve(options, folder, web=web)
-            told = ""
+            report = ""
         except HandtrackError as error:  # the page says so, and another may be chosen
-            told = str(error)
+            report = str(error)
         if web is None:
             return 0
 
@@ -111,7 +111,7 @@ def _serve(
 ) -> WebServer | None:
     """Serve the workbench; return its web server where somebody wants another recording. web: of the page before."""
     memory = memory_limit(options.memory)
-    say("handtrack: starting the workbench …")
+    print_status("handtrack: starting the workbench …")
     if not demo:
         remember(folder)
     child = EngineChild(ENGINE_LOG)  # its imports take longest: they run beside those of the page

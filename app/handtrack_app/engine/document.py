@@ -52,13 +52,13 @@ from handtrack_app.engine.tracked_rows import TrackedRows
 from handtrack_app.protocol.snapshots import TakeCard
 
 
-class TakeShelf:
+class TakeCache:
     """Takes by their numbers."""
 
-    def __init__(self, folder: Path | None = None, tell: Callable[[str], None] = print) -> None:
+    def __init__(self, folder: Path | None = None, report: Callable[[str], None] = print) -> None:
         """folder: a session's tracks/; None: nothing is on disk. tell: takes a sentence for whatever is damaged."""
         self._store = None if folder is None else Store(folder)
-        self._tell = tell
+        self._report = report
         self._known: dict[int, TakeFrames | None] = {}
         self._cards: tuple[CurrentTrack, tuple[TakeCard, ...]] | None = None
 
@@ -128,7 +128,7 @@ class TakeShelf:
             damage.append(str(error))
         finally:
             for text in damage:
-                self._tell(text)
+                self._report(text)
         return None
 
 
@@ -251,7 +251,7 @@ class Document:
         self.start = run.model.joint_params(first_params)
         self.state = SessionState()
         """what was decided; only `become` changes it"""
-        self.takes = TakeShelf()
+        self.takes = TakeCache()
         self.by_hand: dict[int, Floats] = {}
         self._carried: dict[
             int, Floats
@@ -465,8 +465,8 @@ class Document:
         self.by_hand.pop(frame, None)
         self._carried.pop(frame, None)
         if decided is not None and frame in self.frames:
-            shelf = self._carried if decided.carried else self.by_hand
-            shelf[frame] = self.posed(decided)
+            poses = self._carried if decided.carried else self.by_hand
+            poses[frame] = self.posed(decided)
 
     def posed(self, decided: DecidedPose | StartPose) -> Floats[S]:
         """Return the joint parameters of a pose."""
@@ -506,7 +506,7 @@ class Document:
         self.shown = joint_params
 
     @property
-    def seen(self) -> Floats[S]:
+    def displayed(self) -> Floats[S]:
         """The joint parameters (S,) of the pose that is looked at: as it is, or as it was before."""
         return self.shown if self.before is None else self.before
 
@@ -534,8 +534,8 @@ class Document:
         truth, model = self.truth_at(frame), self.model
         if truth is None:
             return float("nan")
-        found = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
-        return mean_error_mm(found, truth)
+        result = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
+        return mean_error_mm(result, truth)
 
     def decided_pose(self, frame: int) -> DecidedPose:
         """Return what was decided of a frame's pose; an empty one where nothing was."""
@@ -606,7 +606,7 @@ class Document:
         """Corrections of the cameras that are surely off, as the track's last estimate of the whole recording found them, and
         that do not count yet.
         """
-        session, found = self.run.session, dict[str, CameraCorrection]()
+        session, result = self.run.session, dict[str, CameraCorrection]()
         for span in reversed(self.laid):
             take = self.takes.get(span.take)
             if take is None or take.refinement is None:
@@ -616,9 +616,9 @@ class Document:
                 known = error.name in session.rig and bool(error.words)
                 if known and (earlier is None or span.take > earlier.take):
                     digest = session.calibration_digest(error.name)
-                    found[error.name] = CameraCorrection(error, span.take, digest)
+                    result[error.name] = CameraCorrection(error, span.take, digest)
             break
-        return found
+        return result
 
     # ---- what session.toml may have otherwise
 

@@ -52,7 +52,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
     """Return everything the page is built from."""
     session, model = document.run.session, document.model
     driving = {model.parameter_names[s] for s in model.driving_joints}
-    flesh = model.flesh["fine"]
+    ellipsoids = model.flesh["fine"]
     return SessionSnapshot(
         name=session.name,
         folder=str(session.folder),
@@ -69,8 +69,8 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         own_interval=document.own_interval.copy(),
         bone_names=model.skeleton.bone_names,
         bone_length=model.skeleton.length,
-        ellipsoid_bone=flesh.bone,
-        radii=flesh.radii,
+        ellipsoid_bone=ellipsoids.bone,
+        radii=ellipsoids.radii,
         settings=dict(document.run.settings.flat()),
         own_settings=document.saved.setting,
         has_truth=session.truth is not None,
@@ -79,7 +79,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         poses=pose_titles(model),
         model=model_words(model),
         kind=model.kind,
-        seen=seen_kinds(session),
+        observed=observed_kinds(session),
         parts=part_cards(model),
         reach_m=_BODY_REACH_M * model.scale.overall if model.kind == "body" else HAND_REACH_M,
         live=session.live is not None,
@@ -88,7 +88,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
     )
 
 
-def seen_kinds(session: Session) -> frozenset[str]:
+def observed_kinds(session: Session) -> frozenset[str]:
     """Return what a recording has of what can be seen of the model."""
     cameras = [view.settings for view in session.views]
     there = {
@@ -147,16 +147,16 @@ def mask_card(document: Document) -> MaskCard:
 def possible_masks(document: Document, view: View) -> tuple[str, ...]:
     """Return the mask methods that a camera has what it takes for; files where session.toml names some."""
     settings, saved = view.settings, document.saved.masks[view.name][0]
-    found = [n for n, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
+    results = [n for n, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
     if settings.keypoints is None:
-        found = [name for name in found if name != "seeded"]
-    return (*found, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
+        results = [name for name in results if name != "seeded"]
+    return (*results, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
 
 
 def pose_snapshot(document: Document) -> PoseSnapshot:
     """Return the hand as it is shown."""
     model, frame = document.model, document.frame
-    bones = model.bones_within_limits(document.seen)
+    bones = model.bones_within_limits(document.displayed)
     posed = model.flesh["fine"].posed(bones)
     result = document.results.get(frame)
     is_now = document.before is None
@@ -165,7 +165,7 @@ def pose_snapshot(document: Document) -> PoseSnapshot:
     return PoseSnapshot(
         frame=frame,
         version=document.version,
-        values=document.seen.copy(),
+        values=document.displayed.copy(),
         bone_position=bones.position,
         bone_rotation=bones.rotation,
         centre=posed.centre,
@@ -199,15 +199,15 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     rows = document.rows
     rows.follow(document)
     rows.changed.clear()
-    lanes = {word: row.copy() for word, row in rows.lanes.items() if _is_told(document, word)}
+    lanes = {word: row.copy() for word, row in rows.lanes.items() if _is_meaningful(document, word)}
     for frame in document.by_hand if document.run.session.truth is not None else ():
         error = lanes.setdefault(ERROR, np.full(len(rows.frames), np.nan))
         error[frame - rows.frames.start] = _given_error_mm(document, frame)
     hand = tuple(sorted(document.by_hand))
-    found = tuple(frame for frame in hand if document.decided_pose(frame).found)
+    results = tuple(frame for frame in hand if document.decided_pose(frame).found)
     return TimelineSnapshot(
         rows.frames.start, rows.status.copy(), {word: row for word, row in lanes.items() if np.isfinite(row).any()}, hand,
-        found, document.marked, queue(document), resolved(document.laid, document.takes.frames_of),
+        results, document.marked, queue(document), resolved(document.laid, document.takes.frames_of),
         resolved(document.hidden, document.takes.frames_of), document.is_posed,
         {name: one.error.figures for name, one in document.camera_errors.items()},
         document.run.session.corrected,
@@ -220,7 +220,9 @@ def timeline_change(document: Document) -> TimelineChange:
     rows.follow(document)
     row = np.array(sorted(rows.changed), np.int64)
     rows.changed.clear()
-    lanes = {word: values[row] for word, values in rows.lanes.items() if _is_told(document, word)}
+    lanes = {
+        word: values[row] for word, values in rows.lanes.items() if _is_meaningful(document, word)
+    }
     for n, frame in enumerate((row + start).tolist()):
         if frame in document.by_hand and ERROR in lanes:
             lanes[ERROR][n] = _given_error_mm(document, frame)
@@ -262,7 +264,7 @@ def part_cards(model: ArticulatedModel) -> tuple[PartCard, ...]:
     return tuple(PartCard(int(b), v, faces) for b, v in zip(parts.bone, vertices, strict=True))
 
 
-def _is_told(document: Document, lane: str) -> bool:
+def _is_meaningful(document: Document, lane: str) -> bool:
     """Whether a lane says something of the model: that a joint is 25 mm off is much for a hand, and usual for a body."""
     return lane != PROBABILITY or document.model.kind == "hand"
 
@@ -292,7 +294,7 @@ def pin_cards(document: Document, frame: int, bones: BonePoses) -> tuple[PinCard
     pins = [pin for pin in session.pins.of(frame) if pin.is_on(*names)]
     if not pins:
         return ()
-    places, found = bones.to_world(*pinned_places(model, pins)), []
+    places, result = bones.to_world(*pinned_places(model, pins)), []
     for n, pin in enumerate(pins):
         place = np.asarray(places[n])
         camera = session.rig[pin.camera].without_distortion()
@@ -300,5 +302,5 @@ def pin_cards(document: Document, frame: int, bones: BonePoses) -> tuple[PinCard
         meant = camera.centre + ray * max(float((place - camera.centre) @ ray), 0.0)
         off = float(np.linalg.norm(camera.project(place[None])[0] - pin.pixel))
         words = Hold(pin.joint, pin.bone).words
-        found.append(PinCard(pin.camera, words, pin.pixel, place, meant, off))
-    return tuple(found)
+        result.append(PinCard(pin.camera, words, pin.pixel, place, meant, off))
+    return tuple(result)

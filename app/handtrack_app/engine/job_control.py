@@ -49,7 +49,7 @@ from handtrack_app.engine.jobs import (
     Work,
 )
 from handtrack_app.engine.live_control import LiveControl
-from handtrack_app.engine.opening import nothing_seen
+from handtrack_app.engine.opening import nothing_observed
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import FIXED
 from handtrack_app.engine.tracked_rows import moved_mm
@@ -129,10 +129,10 @@ class RefinedWith:
 
 
 _OTHER_ARM = "Masks of all frames show another forearm than those of the first."
-_TOLD_MM = 5.0  # a joint's move that one sees: half a finger's breadth
+_VISIBLE_MM = 5.0  # a joint's move that one sees: half a finger's breadth
 
 
-_NOT_FOUND = {
+_NO_RESULT = {
     "hand": "No searched frame has a hand that silhouettes or clouds identify with confidence. Try a frame in which the "
     "hand is open and entirely in view, or pose it yourself.",
     "body": "No searched frame has a body that its joints identify with confidence. Try a frame in which it is entirely in view, or "
@@ -140,10 +140,10 @@ _NOT_FOUND = {
 }
 
 
-def found_words(candidates: Sequence[FirstPoseCandidate], kind: str) -> Notice:
+def search_notice(candidates: Sequence[FirstPoseCandidate], kind: str) -> Notice:
     """Return what a search for a hand or a body found."""
     if not candidates:
-        return Notice("warning", f"No {kind} found", _NOT_FOUND[kind])
+        return Notice("warning", f"No {kind} found", _NO_RESULT[kind])
     best, more = candidates[0], len(candidates) - 1
     text = f"Frame {best.frame}, {100 * best.confidence:.0f} % sure: {best.note}."
     if more:
@@ -200,13 +200,13 @@ def moved_words(moves: Mapping[int, float]) -> str:
     """Return what refining changed, in a sentence; empty where nothing was refined. moves: of each frame's furthest joint [mm]."""
     if not moves:
         return ""
-    far = {frame: most for frame, most in moves.items() if most > _TOLD_MM}
+    far = {frame: most for frame, most in moves.items() if most > _VISIBLE_MM}
     if not far:
-        return f"Refined together; no joint moved by more than {_TOLD_MM:g} mm."
+        return f"Refined together; no joint moved by more than {_VISIBLE_MM:g} mm."
     worst = max(far, key=lambda frame: far[frame])
     have = "frame has" if len(far) == 1 else "frames have"
     return (
-        f"Refined together; {len(far)} {have} a joint that moved by more than {_TOLD_MM:g} mm, most in frame {worst} "
+        f"Refined together; {len(far)} {have} a joint that moved by more than {_VISIBLE_MM:g} mm, most in frame {worst} "
         f"({far[worst]:.0f} mm)."
     )
 
@@ -394,7 +394,7 @@ class JobControl:
 
     def see_arm(self) -> None:
         """Give the model a forearm where the frame shown has one; never under a job, as what it solves for would change."""
-        document, arm = self._document, NOTHING if self.busy else edits.seen_arm(self._document)
+        document, arm = self._document, NOTHING if self.busy else edits.arm_in_view(self._document)
         if self._store.do("Forearm in view", arm, kind=NOTE):
             self._publish(session_snapshot(document))
             self._publish(pose_snapshot(document))
@@ -404,7 +404,7 @@ class JobControl:
         """Write what was edited, before a job. Raises HandtrackError where none can begin."""
         self._store.write_what_rests(at_once=True)
         self._refuse_second()
-        blind = nothing_seen(self._document.run)
+        blind = nothing_observed(self._document.run)
         if blind:
             raise HandtrackError(blind)
 
@@ -451,7 +451,7 @@ class JobControl:
             case Warned(text):
                 self._publish(Notice.about_recording(text))
             case list():
-                self._found(event)
+                self._finish_search(event)
             case dict():
                 self._store.do("Corrected masks propagated", decide(correction=event))
                 many = f"To {len(event)} frames; undo reverts it."
@@ -534,9 +534,9 @@ class JobControl:
         words = _OTHER_ARM if is_arm else size_words(document.run)
         self._publish(Notice("done", "Tracking again" if is_arm else "Size fitted", words))
 
-    def _found(self, candidates: list[FirstPoseCandidate]) -> None:
+    def _finish_search(self, candidates: list[FirstPoseCandidate]) -> None:
         if not candidates:
-            self._publish(found_words([], self._document.model.kind))
+            self._publish(search_notice([], self._document.model.kind))
             return
         self.guesses.keep(candidates)
         best = candidates[0]
@@ -545,7 +545,7 @@ class JobControl:
         self._publish(pose_snapshot(self._document))
         if snapshot is not None:
             self._publish(snapshot)
-        self._publish(found_words(candidates, self._document.model.kind))
+        self._publish(search_notice(candidates, self._document.model.kind))
 
     def _ended(self, job: BackgroundJob, end: JobEnded) -> None:
         self._job = None
@@ -613,7 +613,7 @@ def _fixed(job: BackgroundJob) -> tuple[int, ...]:
     return () if job.request is None else tuple(job.request.fixed)
 
 
-def looks_elsewhere(jobs: JobControl, **_: object) -> None:
+def stops_following(jobs: JobControl, **_: object) -> None:
     """Somebody looks at a frame: tracked frames are not shown any more as they come."""
     jobs.follows = False
 
@@ -639,14 +639,14 @@ class Guesses:
     """What was found, by frame; what is carried stands in the tracker's results. On the worker's thread only."""
 
     document: Document
-    found: dict[int, list[FirstPoseCandidate]] = field(default_factory=dict)
+    results: dict[int, list[FirstPoseCandidate]] = field(default_factory=dict)
     """by frame, the surest first"""
     _published: tuple[int, str, int] = (-1, "", 0)
 
     def keep(self, candidates: list[FirstPoseCandidate]) -> None:
         """Keep what a search found."""
         if candidates:
-            self.found[candidates[0].frame] = candidates
+            self.results[candidates[0].frame] = candidates
 
     def snapshot(self, is_new: bool = False) -> GuessesSnapshot | None:
         """Return the list of the frame shown; None where the page has it already."""
@@ -693,8 +693,8 @@ class Guesses:
 
     def _poses(self, frame: int) -> tuple[str, list[_Pose]]:
         result = self.document.results.get(frame)
-        if frame in self.found:
-            rows = self.found[frame][:_MOST]
+        if frame in self.results:
+            rows = self.results[frame][:_MOST]
             return "found", [(c.model, c.params, Guess(c.confidence, c.note)) for c in rows]
         carried = () if result is None else result.alternatives[:_MOST]
         if len(carried) < 2:

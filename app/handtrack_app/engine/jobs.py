@@ -209,9 +209,9 @@ def refine(
         if isinstance(now, Progress):
             job.show_progress(now.share, _REFINING)
 
-    found = refine_frames(run, request, tracked, Control(job.should_stop), progressed, changed)
-    _report_refined(job, found)
-    for words in [] if found.refinement is None else found.refinement.words:
+    result = refine_frames(run, request, tracked, Control(job.should_stop), progressed, changed)
+    _report_refined(job, result)
+    for words in [] if result.refinement is None else result.refinement.words:
         job.report(Warned(words))
 
 
@@ -223,12 +223,12 @@ def _report_refined(job: BackgroundJob, refined: FramesRefined) -> None:
 
 def fit_size(job: BackgroundJob, run: TrackingRun) -> None:
     """Fit the size to the frames near the first pose."""
-    found = run.fit_size(
+    result = run.fit_size(
         job.should_stop,
         on_progress=lambda share, words, _=None: job.show_progress(share, _SIZING + words),
     )
     if not job.should_stop():
-        job.report(SizeFitted(found))
+        job.report(SizeFitted(result))
 
 
 def find(job: BackgroundJob, run: TrackingRun, frame: int | None, fetch: bool) -> None:
@@ -241,8 +241,8 @@ def find(job: BackgroundJob, run: TrackingRun, frame: int | None, fetch: bool) -
             if job.should_stop():
                 return
             raise
-    found = find_first_poses(run, frame, job.should_stop, job.show_progress)
+    result = find_first_poses(run, frame, job.should_stop, job.show_progress)
     if not job.should_stop():
-        job.report(found)
-        for words in odd_side(found[0].given, run.session) if found else ():
+        job.report(result)
+        for words in odd_side(result[0].given, run.session) if result else ():
             job.report(Warned(words))

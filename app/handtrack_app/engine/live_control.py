@@ -19,7 +19,7 @@ from handtrack_app.engine.opening import placed_in_view
 from handtrack_app.process.child import LiveOptions
 from handtrack_app.protocol.snapshots import COUNTED, LiveSnapshot, Notice, Snapshot
 
-_TELL_EVERY_S = 0.5
+_REPORT_EVERY_S = 0.5
 KEEPS_NOTHING = "A live source keeps no files of its own: press 'Record', and open the recording, where everything can be saved."
 
 
@@ -52,7 +52,7 @@ class LiveControl:
     def __init__(self, document: Document, publish: Callable[[Snapshot], None]) -> None:
         self._document, self._publish = document, publish
         self._recording: LiveRecording | None = None
-        self._told: LiveSnapshot | None = None
+        self._reported: LiveSnapshot | None = None
         self._when = 0.0
         self._known_gone: set[str] = set()
 
@@ -79,7 +79,7 @@ class LiveControl:
             chosen = beside if folder is None else Path(folder)
             self._recording = LiveRecording(chosen, self._session)
             self._feed.on_frame = self._recording.add
-        self.tell(at_once=True)
+        self.report(at_once=True)
 
     def note(self, result: FrameResult) -> None:
         """Keep a tracked frame, if it is recorded."""
@@ -108,10 +108,10 @@ class LiveControl:
         self._feed.close()
         return [*self._count_words(), *filter(None, [said])]
 
-    def tell(self, at_once: bool = False) -> bool:
+    def report(self, at_once: bool = False) -> bool:
         """Show what became of the cameras' images, and tell of a camera that is gone: now and then; return whether it was now."""
         now = time.monotonic()
-        if not at_once and now - self._when < _TELL_EVERY_S:
+        if not at_once and now - self._when < _REPORT_EVERY_S:
             return False
         self._when = now
         for sentence in self._feed.gone:
@@ -121,7 +121,7 @@ class LiveControl:
                     Notice("warning", "A camera is disconnected", f"{sentence} The others go on.")
                 )
         recording = self._recording
-        told = LiveSnapshot(
+        snapshot = LiveSnapshot(
             {
                 name: {what: count[what] for what in COUNTED}
                 for name, count in self._feed.counts.items()
@@ -130,22 +130,22 @@ class LiveControl:
             "" if recording is None else str(recording.folder),
             0 if recording is None else recording.count,
         )
-        if told != self._told:
-            self._told = told
-            self._publish(told)
+        if snapshot != self._reported:
+            self._reported = snapshot
+            self._publish(snapshot)
         return True
 
     def _count_words(self) -> list[str]:
         """Return what became of each camera's images while tracking, in sentences."""
-        found = []
+        results = []
         for camera in self._feed.cameras:
             count = self._feed.counts[camera.name]
             missing = f", {count['missing']} missing" if count["missing"] else ""
-            found.append(
+            results.append(
                 f"{camera.name}: {count['used']} images tracked, {count['dropped']} dropped (came while a frame was solved)"
                 f"{missing}. {camera.gone}".rstrip()
             )
-        return found
+        return results
 
     @property
     def _session(self) -> LiveSession:

@@ -14,16 +14,16 @@ from handtrack.store.history import Action
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
+    observed_kinds,
     pose_snapshot,
-    seen_kinds,
     session_snapshot,
     timeline_snapshot,
 )
-from handtrack_app.engine.job_control import JobControl, looks_elsewhere
+from handtrack_app.engine.job_control import JobControl, stops_following
 from handtrack_app.engine.jobs import BackgroundJob, JobEvent
 from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.mask_service import MaskService
-from handtrack_app.engine.opening import NO_POSE, nothing_seen
+from handtrack_app.engine.opening import NO_POSE, nothing_observed
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, Painter
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.posing_service import LiveScore, PosingService
@@ -101,27 +101,27 @@ class OpenSession:
             name: getattr(part, name) for part in parts for name in commands_of(type(part))
         }
         self._score = LiveScore(document, publish)
-        self._counted, self._told = False, set[str]()
-        self._told_work: WorkSnapshot | None = None
+        self._counted, self._reported = False, set[str]()
+        self._reported_work: WorkSnapshot | None = None
 
     def show_first(self) -> None:
         """Show the session and its first pose, and say what is to be known of it."""
-        document, say = self.document, self._say
-        self._tell_work()
+        document, notify = self.document, self._notify
+        self._publish_work()
         self._show_session()
         document.show(document.first_frame)
         self.show_all()
         if self._restored:
-            say("done", "Welcome back", self._restored)
-        blind = nothing_seen(document.run)
+            notify("done", "Welcome back", self._restored)
+        blind = nothing_observed(document.run)
         if blind:
-            say("warning", "Nothing to track by yet", blind)
+            notify("warning", "Nothing to track by yet", blind)
         elif self._live is not None:
-            say("guide", "Live", _LIVE)
+            notify("guide", "Live", _LIVE)
         elif not document.is_posed:
-            say("guide", "No first pose yet", NO_POSE[document.model.kind])
-        self._say_warnings(self.store.warning)
-        self._tuning.say_notes(document.run.session.warnings)
+            notify("guide", "No first pose yet", NO_POSE[document.model.kind])
+        self._notify_warnings(self.store.warning)
+        self._tuning.publish_notes(document.run.session.warnings)
         self.jobs.show_progress()
         self._compare_cameras()
 
@@ -158,7 +158,7 @@ class OpenSession:
         if isinstance(event, FramesRefined) and self._recorder.is_on:
             self._unrecorded[:0] = [result.frame for result in reversed(event.results)]
 
-    @Command(latest=(), is_ordered=True, at_once=looks_elsewhere)
+    @Command(latest=(), is_ordered=True, at_once=stops_following)
     def show_frame(self, frame: int, is_played: bool = False) -> None:
         """Show another frame. is_played: it is sent with all its pictures at one time; of a frame that somebody went to, they come
         later.
@@ -168,12 +168,12 @@ class OpenSession:
         self.document.show(frame)
         self.show_pose(is_played)
 
-    @Command(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=stops_following)
     def undo(self, version: int) -> None:
         """Take the latest step back: a pose, a setting, limits, filters, a size, a take."""
         self._travel(self.store.undo, "Undone", "Nothing to undo")
 
-    @Command(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=stops_following)
     def redo(self, version: int) -> None:
         """Make the step again that was undone last."""
         self._travel(self.store.redo, "Redone", "Nothing to redo")
@@ -183,7 +183,7 @@ class OpenSession:
         """Make a take the current track."""
         again = edits.restored(self.document, number)
         if self._lay(f"Take {number} restored", again):
-            self._say("done", f"Take {number} is the track again", "")
+            self._notify("done", f"Take {number} is the track again", "")
 
     @Command(edits=True)
     def show_take(self, number: int) -> None:
@@ -232,7 +232,7 @@ class OpenSession:
         """Record for rerun the frames that are tracked, the one shown first, and those that will be; RerunPage says where it is."""
         shown, known = self.document.frame, self.document.results
         if not len(known):
-            self._say(
+            self._notify(
                 "info",
                 "Rerun waits for frames",
                 "Residuals come with the next frame that is tracked.",
@@ -249,16 +249,16 @@ class OpenSession:
     def save_pose(self) -> None:
         """Write the pose shown to init.json."""
         self.jobs.see_arm()
-        doubt = self._doubt_of_pose()
-        if doubt:
-            self._say("warning", "Not saved yet", doubt)
+        warning = self._pose_warning()
+        if warning:
+            self._notify("warning", "Not saved yet", warning)
         else:
-            self._say("done", "First-frame pose saved", saving.save_first_pose(self.store))
+            self._notify("done", "First-frame pose saved", saving.save_first_pose(self.store))
 
     @Command(edits=True, files=True)
     def save_track(self) -> None:
         """Write tracks/poses.npz."""
-        self._say("done", "Track saved", saving.save_track(self.store))
+        self._notify("done", "Track saved", saving.save_track(self.store))
 
     @Command(job=True)
     def export(self, kind: str, client_id: int, up: str = "") -> None:
@@ -267,7 +267,7 @@ class OpenSession:
         """
         export_beside(self.document, kind, client_id, up, self.publish)
 
-    @Command(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=stops_following)
     def take_guess(self, frame: int, index: int, version: int) -> None:
         """Set the pose of a frame to one of the list."""
         taken = self.jobs.guesses.take(frame, index)
@@ -277,7 +277,7 @@ class OpenSession:
             self._show_session()
             self.show_all()
 
-    def _doubt_of_pose(self) -> str:
+    def _pose_warning(self) -> str:
         """Return why the pose shown should not be a first pose, and that saving it once more takes it; empty where nothing speaks
         against it, or it was asked already.
         """
@@ -303,35 +303,35 @@ class OpenSession:
             raise
         if action is None:
             self.show_pose()
-            self._say("info", end, "The history of edits ends here.")
+            self._notify("info", end, "The history of edits ends here.")
             return
         changed = self.document.state.changed(before)
         frames = [frame for kind, frame in changed if kind == "pose"]
         self.document.show(min(frames, default=self.document.frame))
-        self._say("done", f"{done}: {action.words[:1].lower()}{action.words[1:]}", "")
+        self._notify("done", f"{done}: {action.words[:1].lower()}{action.words[1:]}", "")
         if len(frames) < len(changed):
             self._show_session()
-            self._tuning.say_notes(known)
+            self._tuning.publish_notes(known)
         self.show_all()
 
     def change(self, change: Callable[[], object], is_stroke: bool = False) -> None:
         """Change what is tracked by, save or restore it, and show what holds then. is_stroke: it is one of many that change no setting.
         Raises HandtrackError for what cannot be done, as anything while a job runs.
         """
-        document, known = self.document, seen_kinds(self.document.run.session)
+        document, known = self.document, observed_kinds(self.document.run.session)
         try:
             self.jobs.require_idle()
             self._tuning.followed(change)
         finally:
-            if not is_stroke or seen_kinds(document.run.session) != known:
+            if not is_stroke or observed_kinds(document.run.session) != known:
                 self._show_session()
             (self.show_pose if is_stroke else self.show_all)()
 
-    def _say_warnings(self, *more: str) -> None:
+    def _notify_warnings(self, *more: str) -> None:
         for warning in filter(None, (*more, *self.document.run.session.warnings)):
-            if warning not in self._told:
-                self._told.add(warning)
-                self._say("warning", "About this session", warning)
+            if warning not in self._reported:
+                self._reported.add(warning)
+                self._notify("warning", "About this session", warning)
 
     # ---- edits
 
@@ -358,29 +358,29 @@ class OpenSession:
             if self.store.write_what_rests():
                 self.announce(timeline_snapshot(self.document))
         finally:
-            self._tell_work()
+            self._publish_work()
 
-    def _tell_work(self) -> None:
+    def _publish_work(self) -> None:
         """Say what is on disk, where that changed."""
         if not self.store.has_edits_to_write:
             self._written = self._served
         document, names = self.document, self.store.history.names(_STEPS)
         takes = document.takes.cards(document.results)
         now = WorkSnapshot(self.store.saved, takes, self._written, self._served, *names)
-        if now != self._told_work:
-            self._told_work = now
+        if now != self._reported_work:
+            self._reported_work = now
             self.publish(now)
 
     # ---- showing
 
-    def _say(self, level: str, title: str, text: str) -> None:
+    def _notify(self, level: str, title: str, text: str) -> None:
         self.publish(Notice(level, title, text))
 
     def announce(self, snapshot: Snapshot) -> None:
         """Publish; a pose shown makes the pictures stale."""
         self.publish(snapshot)
         if isinstance(snapshot, TimelineSnapshot) and self._review.names:
-            self._review.tell_curves()
+            self._review.publish_curves()
         if isinstance(snapshot, PoseSnapshot):
             whole = snapshot.beside is not None
             self.painter.is_stale, self.painter.hurried = not whole, self.jobs.busy
@@ -423,7 +423,7 @@ class OpenSession:
         if self.painter.is_stale:
             self.painter.paint()
         elif self._score.is_due and not self.jobs.busy:
-            self._score.tell()
+            self._score.report()
         elif self._unrecorded and not self._recorder.is_behind:
             self._record_next()
         elif not self.document.rows.is_whole:  # of a long track, while nobody waits
@@ -439,12 +439,12 @@ class OpenSession:
         try:
             self.store.close()
         finally:
-            self._tell_work()
+            self._publish_work()
         return said
 
     def _watch_live(self, live: LiveControl) -> None:
         """Show the newest images while nothing is tracked and nobody poses the hand in one of them."""
-        if live.tell() and not self.jobs.busy:
+        if live.report() and not self.jobs.busy:
             self.announce(timeline_snapshot(self.document))
         follow = self.jobs.follows
         if not self.jobs.busy and (follow or live.recording) and live.watch(follow) and follow:
@@ -457,7 +457,7 @@ class OpenSession:
             document.show(document.frame)
             self._show_session()
             self.show_all()
-        self._say_warnings()
+        self._notify_warnings()
         if document.first_frame not in document.frames:
             raise HandtrackError(
                 f"The first-frame pose is of frame {document.first_frame}, but the videos have the frames 0 to "

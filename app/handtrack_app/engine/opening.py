@@ -21,7 +21,7 @@ from handtrack.session.sources.video_audits import count_beside
 from handtrack.store.store import Store
 from handtrack.tracking.search.initialize import FEWEST, placed_on_points
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.document_snapshots import seen_kinds
+from handtrack_app.engine.document_snapshots import observed_kinds
 from handtrack_app.engine.store.persistence import show_track_file
 from handtrack_app.protocol.snapshots import IMAGES
 
@@ -72,11 +72,11 @@ def near_first_pose(run: TrackingRun, first: FirstPose | None) -> tuple[int, Flo
     """
     frame, model = 0 if first is None else first.frame, run.model
     if first is not None and first.xyz is not None and model.has_keypoints21:
-        seen = Keypoints(
+        observed = Keypoints(
             keypoint_names(), first.xyz, 1.0
         )  # [m] how sure they are counts for nothing
         if np.isfinite(first.xyz).all(axis=1).sum() >= FEWEST:
-            return frame, model.clipped(placed_on_points(model, seen, model.rest))
+            return frame, model.clipped(placed_on_points(model, observed, model.rest))
     if first is not None and first.parameters:
         known = {n: v for n, v in first.parameters.items() if n in model.parameter_names}
         return frame, model.params_from(known, nearest=True)
@@ -145,8 +145,8 @@ _NOTHING = (
 )
 
 
-def nothing_seen(run: TrackingRun) -> str:
+def nothing_observed(run: TrackingRun) -> str:
     """Return what to do about a session in which nothing is observed; empty where something is."""
-    if run.settings.looks_at_images or seen_kinds(run.session) - {IMAGES}:
+    if run.settings.looks_at_images or observed_kinds(run.session) - {IMAGES}:
         return ""
     return _NOTHING.format(kind=run.model.kind)

@@ -31,9 +31,9 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.pulling import pulled
 from handtrack_app.engine.document import Document, pinning
 from handtrack_app.engine.inverse_kinematics import reach
-from handtrack_app.engine.job_control import drags, looks_elsewhere
+from handtrack_app.engine.job_control import drags, stops_following
 from handtrack_app.engine.service import Service
-from handtrack_app.engine.tracked_rows import energy_parts
+from handtrack_app.engine.tracked_rows import cost_parts
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import Hold, Notice, ScoreSnapshot, Snapshot
 
@@ -57,7 +57,7 @@ class Pull:
     tag: str
     frame: int
     stood: Floats[P]
-    seen: Observation
+    observation: Observation
 
 
 class PosingService(Service):
@@ -84,7 +84,7 @@ class PosingService(Service):
         if version >= self.document.version:
             self.opened.edit(frame, pose(self.document, frame, values), words, tag, is_stroke)
 
-    @Command(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=stops_following)
     def take_pose(self, frame: int, source: str, version: int) -> None:
         """Set a frame's pose by hand to the one that shows there (`shown`: a keyframe), to `start` (the first-frame pose), `previous`
         (the frame before), or a pose of the library, for the fingers.
@@ -127,14 +127,14 @@ class PosingService(Service):
         edit = pose(document, frame, reached.tolist())
         self.opened.edit(frame, edit, f"Pull of {hold.words}", tag, True)
 
-    @Command(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=stops_following)
     def forget_pose(self, frame: int, version: int) -> None:
         """Drop what was set by hand at a frame; the tracked pose shows again."""
         known = self.document.clamped(frame) in self.document.by_hand
         forgotten = decide(pose={frame: None}) if known else NOTHING
         self.opened.edit(frame, forgotten, "Pose dropped")
 
-    @Command(at_once=looks_elsewhere)
+    @Command(at_once=stops_following)
     def look_before(self, on: bool) -> None:
         """Show the frame's pose as it was before the last step that changed it, or as it is; a look, no edit."""
         document = self.document
@@ -177,7 +177,7 @@ class PosingService(Service):
         edit = self._led(self._pull, (*others, pin), by_images)
         self.opened.edit(frame, edit, f"Pin of {hold.words} in {camera}", tag, True)
 
-    @Command(edits=True, at_once=looks_elsewhere)
+    @Command(edits=True, at_once=stops_following)
     def drop_pins(
         self, frame: int, which: int | None, version: int, by_images: bool = True
     ) -> None:
@@ -206,11 +206,15 @@ class PosingService(Service):
         model = document.model
         names = model.joint_names, model.skeleton.bone_names
         held = document.run.session.pins.as_observed(pin for pin in pins if pin.is_on(*names))
-        seen = replace(pull.seen, pins=held)
+        observed = replace(pull.observation, pins=held)
         params = model.params_within_limits(document.pose_at(pull.frame))
-        tells = bool(seen.silhouettes or seen.keypoints or seen.cloud or seen.images)
-        found = pulled(model, document.run.settings, seen, params, by_images and tells, pull.stood)
-        posed = set_pose(document, pull.frame, model.joint_params(found), pinned=True)
+        is_observed = bool(
+            observed.silhouettes or observed.keypoints or observed.cloud or observed.images
+        )
+        result = pulled(
+            model, document.run.settings, observed, params, by_images and is_observed, pull.stood
+        )
+        posed = set_pose(document, pull.frame, model.joint_params(result), pinned=True)
         return in_turn(pinning({pull.frame: pins}), posed)
 
     def _refuse_live(self) -> None:
@@ -302,11 +306,11 @@ class LiveScore:
         rests_s = _FIRST_S if self._frame is None else _RESTS_S
         return at_hand or time.monotonic() - self.since > rests_s
 
-    def tell(self) -> None:
+    def report(self) -> None:
         """Score the pose shown, and the one that was fitted to its frame last."""
         document, self.since = self.document, None
         self._frame = frame = document.frame
-        params = document.model.params_within_limits(document.seen)
+        params = document.model.params_within_limits(document.displayed)
         now, result = self._score(frame, params), document.results.get(frame)
         if result is None or len(result.parameters) != len(document.shown):
             self._fitted = None
@@ -316,7 +320,7 @@ class LiveScore:
         fitted = None if self._fitted is None else self._fitted[2]
         self.publish(
             ScoreSnapshot(
-                frame, tuple(document.seen.tolist()), now.overlap, dict(energy_parts(now.energy)),
+                frame, tuple(document.displayed.tolist()), now.overlap, dict(cost_parts(now.energy)),
                 None if fitted is None else fitted.overlap,
                 None if fitted is None else sum(fitted.energy.values()),
             )
@@ -324,5 +328,5 @@ class LiveScore:
 
     def _score(self, frame: int, params: Floats[P]) -> Score:
         model, run = self.document.model, self.document.run
-        seen = run.observation(frame, model.bones(params))
-        return score(model, run.settings, seen, params)
+        observed = run.observation(frame, model.bones(params))
+        return score(model, run.settings, observed, params)

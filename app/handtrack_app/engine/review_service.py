@@ -89,9 +89,9 @@ class ReviewService(Service):
     def want_curves(self, names: tuple[str, ...]) -> None:
         """Show the course of these joint parameters over the recording."""
         self.names = names
-        self.tell_curves()
+        self.publish_curves()
 
-    def tell_curves(self) -> None:
+    def publish_curves(self) -> None:
         """Show the course of the joint parameters that are looked at."""
         document = self.document
         known, rows = document.model.parameter_names, document.rows
@@ -125,9 +125,9 @@ def close_pictures(
     pictures = {}
     for result in results:
         camera = "" if result.reason is None else result.reason.camera
-        flesh = model.flesh["fine"].posed(model.bones_within_limits(result.parameters))
+        ellipsoids = model.flesh["fine"].posed(model.bones_within_limits(result.parameters))
         close = maker.screen(
-            camera if camera in names else names[0], result.frame, "close", flesh, None, aside
+            camera if camera in names else names[0], result.frame, "close", ellipsoids, None, aside
         )
         pictures[result.frame] = shrunk(close)
     return CloseSnapshot(pictures)

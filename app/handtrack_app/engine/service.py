@@ -94,13 +94,13 @@ class NewestFirst(Generic[Made]):
         """Have something made, and wait for it; None where it cannot be."""
         made, done = list[Made | None](), threading.Event()
 
-        def make_and_tell() -> None:
+        def make_and_signal() -> None:
             try:
                 made.append(make())
             finally:
                 done.set()
 
-        self.ask(f"{kind}, waited for", make_and_tell)
+        self.ask(f"{kind}, waited for", make_and_signal)
         while not done.wait(0.1):
             if self._stopping.is_set():
                 return None

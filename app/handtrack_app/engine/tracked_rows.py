@@ -102,7 +102,7 @@ class TrackedRows:
         self._unread[frame] = None
         self.changed.add(row)
         self._put(COST, row, head.energy)
-        for word, cost in energy_parts(head.energies).items():
+        for word, cost in cost_parts(head.energies).items():
             self._put(TERM + word, row, cost)
         if np.isfinite(head.p_off_25mm) or head.status in (Status.DOUBTFUL, Status.LOST):
             self._put(PROBABILITY, row, failure_probability(head))
@@ -125,8 +125,8 @@ class TrackedRows:
     def _read(self, document: Document, frame: int) -> None:
         result, truth = document.results[frame], document.truth_at(frame)
         row, values = frame - self.frames.start, result.parameters
-        found = result.joint_positions if result.keypoints21 is None else result.keypoints21
-        self._put(ERROR, row, mean_error_mm(found, truth))
+        estimate = result.joint_positions if result.keypoints21 is None else result.keypoints21
+        self._put(ERROR, row, mean_error_mm(estimate, truth))
         self._put(MOVED, row, moved_mm(result, document.results.below(frame)))
         if self.values.shape[1] != len(values):
             shape = len(self.frames), len(values)
@@ -152,7 +152,7 @@ class TrackedRows:
                 values[row] = np.nan
 
 
-def energy_parts(energies: Mapping[str, float]) -> dict[str, float]:
+def cost_parts(energies: Mapping[str, float]) -> dict[str, float]:
     """Return the parts of a frame's energy by their words."""
     parts: dict[str, float] = {}
     for name, cost in energies.items():

@@ -87,7 +87,7 @@ class TuningService(Service):
         """Let values hold from now on. slid: by a slider: many changes are one step of undo."""
         known = self.document.run.notes
         self._do(words, edit, words, slid)
-        self.say_notes(known)
+        self.publish_notes(known)
 
     def followed(self, change: Callable[[], object]) -> None:
         """Change what is tracked by, and have the frame shown fitted anew if that did. Raises HandtrackError, and for an accepted
@@ -105,29 +105,29 @@ class TuningService(Service):
     def _fit(self, order: _Order) -> Callable[[], None]:
         """Fit a frame anew, beside the worker; return what the worker is to do with that, or with what went wrong."""
         run = order.run
-        found: Floats[P] | Exception | None
+        result: Floats[P] | Exception | None
         try:
             stood = run.model.params_within_limits(order.stood)
-            seen = run.observation(order.frame, run.model.bones(stood))
+            observed = run.observation(order.frame, run.model.bones(stood))
             stop = lambda: self._order is not order  # noqa: E731
-            found = fitted_again(run.model, run.settings, seen, stood, stop)
+            result = fitted_again(run.model, run.settings, observed, stood, stop)
         except Exception as error:  # the page must go on, and the user must know
-            found = error
-        return partial(self._refitted, order, found)
+            result = error
+        return partial(self._refitted, order, result)
 
-    def _refitted(self, order: _Order, found: Floats[P] | Exception | None) -> None:
+    def _refitted(self, order: _Order, result: Floats[P] | Exception | None) -> None:
         """Take a frame that was fitted anew, unless it is not of what is shown and holds now. Raises what kept it from being fitted."""
         document = self.document
         if self.jobs.busy or order is not self._order:
             return
         self._order = None
-        if isinstance(found, Exception):
-            raise found
+        if isinstance(result, Exception):
+            raise result
         here = (order.run, order.frame) == (document.run, document.frame)
-        if found is None or not here or not np.array_equal(order.stood, document.shown):
+        if result is None or not here or not np.array_equal(order.stood, document.shown):
             return
         pinned = bool(document.run.session.pins.of(order.frame))  # they were among what was fitted
-        values = document.model.joint_params(found)
+        values = document.model.joint_params(result)
         edit = set_pose(document, order.frame, values, refitted=True, pinned=pinned)
         self.opened.edit(order.frame, edit, "Fit", order.tag, True)
 
@@ -140,7 +140,7 @@ class TuningService(Service):
         self._order = None
         self._fitting.stop()
 
-    def say_notes(self, known: Sequence[str]) -> None:
+    def publish_notes(self, known: Sequence[str]) -> None:
         """Say what is new to be known of the settings: above all that one has no effect here."""
         for note in self.document.run.notes:
             if note not in known:

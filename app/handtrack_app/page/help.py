@@ -84,17 +84,17 @@ class Help:
         """Show all keys."""
         with self.page.dialog(client, "Keys and gestures"):
             search = client.gui.add_text("Search", "")
-            found = client.gui.add_html(self.table())
-        search.on_update(lambda event: put(found, content=self.table(str(event.target.value))))
+            result = client.gui.add_html(self.table())
+        search.on_update(lambda event: put(result, content=self.table(str(event.target.value))))
 
     def table(self, wanted: str = "") -> str:
         """Return gestures and keys, or those of them that hold some words."""
-        say = self.page.say
+        phrase = self.page.phrase
         known = (*_GESTURES, *self.page.keys, ("Ctrl K", "All commands, by name"))
         rows = "".join(
-            f"<div><kbd>{html.escape(say(how))}</kbd><span>{html.escape(say(what))}</span></div>"
+            f"<div><kbd>{html.escape(phrase(how))}</kbd><span>{html.escape(phrase(what))}</span></div>"
             for how, what in known
-            if wanted.strip().lower() in f"{say(how)} {say(what)}".lower()
+            if wanted.strip().lower() in f"{phrase(how)} {phrase(what)}".lower()
         )
         return f"<div class='handtrack-keys' tabindex='0'>{rows or 'No match.'}</div>"
 
@@ -109,7 +109,7 @@ class Help:
         if number >= len(TOUR):
             client.local_storage.set_item(_KEPT_AS, "yes")
             return
-        title, words = (self.page.say(one) for one in TOUR[number])
+        title, words = (self.page.phrase(one) for one in TOUR[number])
         with client.gui.add_folder(f"{number + 1} of {len(TOUR)}: {title}", order=0.2) as folder:
             client.gui.add_html(text(words, faint=False))
             go_on = client.gui.add_button_group("Tour", ("Skip", _LEAVE))

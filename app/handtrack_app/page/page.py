@@ -54,7 +54,7 @@ class Display:
     """over all cameras' small pictures"""
 
     @property
-    def flesh(self) -> bool:
+    def ellipsoids(self) -> bool:
         return self.mode in ("Flesh", "All")
 
     @property
@@ -97,7 +97,7 @@ class UserState:
     values_at: int | None = None
     """the frame that they are of"""
     version: int = 0
-    looks_before: bool = False
+    shows_before: bool = False
     """the pose shown is as it was before the last step; `values` are as it is"""
     playing: bool = False
     tracking: bool = False
@@ -106,7 +106,7 @@ class UserState:
     follow: bool = True
     """the view follows the tracker"""
     display: Display = field(default_factory=Display)
-    looks: dict[int, Look] = field(default_factory=dict)
+    views: dict[int, Look] = field(default_factory=dict)
     """by client, of those that chose"""
     lock: threading.RLock = field(default_factory=threading.RLock)
 
@@ -117,7 +117,7 @@ class UserState:
 
     def look(self, client: int | None) -> Look:
         """Return what a page sees through."""
-        return Look() if client is None else self.looks.get(client, Look())
+        return Look() if client is None else self.views.get(client, Look())
 
     def edit(self, changes: dict[str, float]) -> tuple[int, tuple[float, ...], int] | None:
         """Change joint parameters by name [m, rad]; return the pose as the user just set it, its frame, values and version; None if
@@ -232,7 +232,7 @@ class Page:
     _dialogs: dict[int, GuiModalHandle] = field(default_factory=dict)
     """by client, those that are open"""
 
-    def say(self, text: str) -> str:
+    def phrase(self, text: str) -> str:
         """Return a text in which {kind} and {Kind} stand for what is tracked, hand or body, and {part} for one of its parts, {middle} for
         what they hang on.
         """
@@ -317,7 +317,7 @@ class Page:
         """Show the frame's pose as it was before the last step that changed it, or again as it is: a look, no edit."""
         state = self.state
         state.follow = state.playing = False
-        self.engine.look_before(not state.looks_before)
+        self.engine.look_before(not state.shows_before)
 
     def travel(self, back: bool, steps: int = 1) -> None:
         """Undo or redo the latest step, or several."""
@@ -358,7 +358,7 @@ class Page:
         """
         modifier, _, key = keys.rpartition("+")
         hotkey, held = cast("HotkeyKey | None", key or None), cast("KeyModifier", modifier)
-        command = self.gui.add_command(self.say(words), hotkey=hotkey, modifier=held or None)
+        command = self.gui.add_command(self.phrase(words), hotkey=hotkey, modifier=held or None)
 
         def use(client: viser.ClientHandle, _: object) -> None:
             first = None if modifier else self.modal.get(client.client_id)

@@ -32,7 +32,7 @@ class InFlight:
 
     def __init__(self, page: Page, drawn: Callable[[Drawn], None]) -> None:
         """drawn: is told when the page has drawn a frame."""
-        self._page, self._tell = page, drawn
+        self._page, self._report = page, drawn
         self._frames = deque[int]()
         self._drawing: int | None = None
         self._question, self._times = "", 0
@@ -101,7 +101,7 @@ class InFlight:
             while frame in self._frames:  # those before it gave way to it
                 if self._frames.popleft() == frame:
                     break
-        self._tell(Drawn())
+        self._report(Drawn())
 
 
 class Player:

@@ -130,7 +130,7 @@ class EngineProcess:
         """Call a method of the engine; returns at once."""
         lost = self._outbox.put(name, given, named_)
         if lost is None:
-            self._tell_work()
+            self._publish_work()
         else:
             text = f"The engine does not serve it now: {named([lost])}."
             self._publish(Notice("error", "Not done", text))
@@ -169,11 +169,11 @@ class EngineProcess:
             except OSError:  # the system starts no more processes
                 log.exception("no engine could be started")
                 code = 1
-            if not self._stopping.is_set() and not self._tell_end(code):
+            if not self._stopping.is_set() and not self._report_end(code):
                 self._again.wait()  # perhaps it was asked for before the process had ended
                 self._again.clear()
                 self._failure = None
-                self._tell_work(is_down=False)
+                self._publish_work(is_down=False)
                 self._ends.clear()
             plan = replace(plan, preview=False, take_over=False, version=self._outbox.version)
 
@@ -202,21 +202,21 @@ class EngineProcess:
                 child.send(1.0)
         elif isinstance(message, list):
             self.last_words = message
-        elif (told := self._outbox.see(cast("Snapshot", message))) is not None:
-            self._publish(told)
+        elif (text := self._outbox.see(cast("Snapshot", message))) is not None:
+            self._publish(text)
 
-    def _tell_work(self, is_down: bool | None = None) -> None:
+    def _publish_work(self, is_down: bool | None = None) -> None:
         """Say where what is saved is not as it was said last."""
         if (work := self._outbox.work(is_down)) is not None:
             self._publish(work)
 
-    def _tell_end(self, code: int) -> bool:
+    def _report_end(self, code: int) -> bool:
         """Say how the engine ended; return whether it begins again by itself."""
         given_up = self._outbox.ended()
         now, outbox = time.monotonic(), self._outbox
         self._ends.append(now)
         often = len(self._ends) > _MOST_AGAIN and now - self._ends[0] <= _WITHIN_S
-        self._tell_work(self._failure is not None or not code or often)
+        self._publish_work(self._failure is not None or not code or often)
         if self._failure is not None:
             return False  # that was told
         how = ending_words(code, self._plan.memory)
@@ -284,7 +284,7 @@ class Outbox:
     _frame_done: int | None = None
     """that was shown before the oldest call that is kept"""
     _work: WorkSnapshot | None = None
-    _told: WorkSnapshot | None = None
+    _reported: WorkSnapshot | None = None
     _changed: threading.Condition = field(default_factory=threading.Condition)
 
     # ---- from the page
@@ -427,9 +427,9 @@ class Outbox:
         if saved == "saved" and self._edits:
             saved = "unsaved" if self.is_down else "saving"
         now = replace(self._work, saved=saved, written=0, done=0)
-        if now == self._told:
+        if now == self._reported:
             return None
-        self._told = now
+        self._reported = now
         return now
 
     # ---- what is not on disk

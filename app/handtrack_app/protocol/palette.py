@@ -44,7 +44,7 @@ REFITTED = ("refitted", "#0072b2")
 """of a pose to which tuned settings led"""
 ASIDE = ("before", "#e69f00")
 """of a pose that is only looked at"""
-FOUND = ("found", "#ebebeb")
+SEARCH_RESULT = ("found", "#ebebeb")
 """of a pose that a search found, like its ghost's"""
 BRAND = (0, 114, 178)
 

@@ -32,7 +32,7 @@ class ScoreSnapshot:
     """by its parts in words"""
     fitted_overlap: dict[str, float] | None = None
     """None: nothing was fitted there"""
-    fitted_energy: float | None = None
+    fitted_cost: float | None = None
 
     def is_of(self, frame: int, values: Floats[S]) -> bool:
         """Return whether it is of a pose, joint parameters [m, rad], and no other."""
@@ -134,11 +134,11 @@ class TimelineSnapshot:
     """numbers by their words, NaN where unknown; those of which something is known"""
     by_hand: tuple[int, ...] = ()
     """frames whose pose was given, by hand or by a search"""
-    found: tuple[int, ...] = ()
+    searched: tuple[int, ...] = ()
     """those of `by_hand` that a search gave"""
     marked: Mapping[str, frozenset[int]] = field(default_factory=dict)
     """frames by the marks that the user has given them"""
-    stretches: tuple[ReviewInterval, ...] = ()
+    intervals: tuple[ReviewInterval, ...] = ()
     """worth a look, the worst first"""
     takes: tuple[Span, ...] = ()
     """what the track is composed of, ascending"""
@@ -203,7 +203,7 @@ class PartCard:
 
 
 SILHOUETTES, CLOUD, KEYPOINTS, IMAGES = "silhouettes", "cloud", "keypoints", "images"
-SEEN = frozenset({SILHOUETTES, CLOUD, KEYPOINTS, IMAGES})
+OBSERVED = frozenset({SILHOUETTES, CLOUD, KEYPOINTS, IMAGES})
 """kinds of what a recording can show of the model"""
 
 
@@ -262,8 +262,8 @@ class SessionSnapshot:
     """the pose library: what a pose is called → its name"""
     kind: str
     """`hand` or `body`"""
-    seen: frozenset[str]
-    """of SEEN, what there is in the recording"""
+    observed: frozenset[str]
+    """of OBSERVED, what there is in the recording"""
     parts: tuple[PartCard, ...]
     """what is drawn of a body instead of ellipsoids"""
     reach_m: float

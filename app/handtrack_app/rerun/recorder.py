@@ -64,7 +64,7 @@ class ResidualRecorder:
         live: bool = False,
         path: Path | None = None,
         closely: int | None = None,
-        tell: Callable[[str], None] = lambda _: None,
+        report: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Start. closely: a frame whose every iteration is recorded, if tracked as `watching` says. tell: gets the address of the live
         viewer's page once it is there.
@@ -81,7 +81,7 @@ class ResidualRecorder:
         """why recording stopped, in words; empty while all is well"""
         self._waiting: SimpleQueue[_Entry | None] = SimpleQueue()
         """None: the end"""
-        self._live, self._tell = live, tell
+        self._live, self._report = live, report
         self._stream = RerunStream(path, live, cameras=run.session.rig.cameras)
         self._thread = threading.Thread(target=self._paint_all, name="residuals", daemon=True)
         self._thread.start()
@@ -136,7 +136,7 @@ class ResidualRecorder:
         try:
             with self._stream:
                 if self._live:
-                    self._tell(self.url)
+                    self._report(self.url)
                 for entry in iter(self._waiting.get, None):
                     self._record(*entry)
                 self._record_watched()
@@ -231,18 +231,18 @@ class _Painter:
 
     def _dotted(self, bones: BonePoses) -> Pictures:
         """Return pictures of the residuals of clouds, edges and texture where they lie in each camera's image."""
-        found: dict[str, dict[str, list[tuple[Floats, Floats]]]] = {}
+        results: dict[str, dict[str, list[tuple[Floats, Floats]]]] = {}
         for term in self._last:
             for kind, points, sigmas in space_residuals(term, bones):
                 for camera in self._cameras.values():
                     ahead = camera.to_camera(points)[:, 2] > 0
                     pixels = camera.project(points[ahead])
-                    kinds = found.setdefault(camera.name, {})
+                    kinds = results.setdefault(camera.name, {})
                     kinds.setdefault(kind, []).append((pixels, sigmas[ahead]))
             for kind, camera, pixels, sigmas in image_residuals(term, bones):
-                found.setdefault(camera.name, {}).setdefault(kind, []).append((pixels, sigmas))
+                results.setdefault(camera.name, {}).setdefault(kind, []).append((pixels, sigmas))
         pictures: Pictures = {}
-        for name, kinds in found.items():
+        for name, kinds in results.items():
             for kind, parts in kinds.items():
                 pixels, sigmas = (np.concatenate(part) for part in zip(*parts, strict=True))
                 drawn = dots(self._cameras[name].size, pixels, sigmas / _FULL_SIGMAS)
@@ -252,10 +252,14 @@ class _Painter:
 
     def overlap(self) -> dict[str, float]:
         """Return how far model and mask overlap in each camera."""
-        seen, bones = self._terms.prepared, self._model.bones(self.params)
-        found = outline_overlap(seen, self._model.flesh["fine"], bones).iou.tolist() if seen else []
+        observed, bones = self._terms.prepared, self._model.bones(self.params)
+        result = (
+            outline_overlap(observed, self._model.flesh["fine"], bones).iou.tolist()
+            if observed
+            else []
+        )
         names = [silhouette.camera.name for silhouette in self._observation.silhouettes]
-        return dict(zip(names, found, strict=True))
+        return dict(zip(names, result, strict=True))
 
     def space(
         self,
@@ -274,15 +278,15 @@ class _Painter:
 def _solved(run: TrackingRun, result: FrameResult) -> Before:
     """Return a tracked frame as texture is carried from it."""
     images = tuple(run.session.images(result.frame))
-    seen = Observation(result.frame, result.time_s, images=images)
-    return Before(seen, run.model.bones(run.model.transform.solver_params(result.parameters)))
+    observed = Observation(result.frame, result.time_s, images=images)
+    return Before(observed, run.model.bones(run.model.transform.solver_params(result.parameters)))
 
 
 def _error_mm(run: TrackingRun, result: FrameResult) -> float:
     truth = run.session.truth
     true = None if truth is None else truth.points_at(result.frame, run.model.joint_names)
-    found = result.joint_positions if result.keypoints21 is None else result.keypoints21
-    return mean_error_mm(found, true)
+    estimate = result.joint_positions if result.keypoints21 is None else result.keypoints21
+    return mean_error_mm(estimate, true)
 
 
 def _within(spans: Array, width: int) -> Array:
@@ -319,8 +323,8 @@ class LiveRecorder:
             return
         recorder = self._recorder
         if recorder is None:
-            tell = lambda url: self._publish(RerunPage(url))  # noqa: E731
-            self._recorder = recorder = ResidualRecorder(run, live=True, tell=tell)
+            report = lambda url: self._publish(RerunPage(url))  # noqa: E731
+            self._recorder = recorder = ResidualRecorder(run, live=True, report=report)
         recorder.show(result, run)
         if recorder.problem:
             self.is_on = False

@@ -71,18 +71,18 @@ def log_space(
     ends = bones.position + bones.rotation[:, :, 1] * model.skeleton.length[:, None]
     rods = np.stack([bones.position, ends], axis=1)
     recording.log("world/skeleton", rr.LineStrips3D(rods, radii=0.0008, colors=[40, 90, 200]))
-    flesh = model.flesh["fine"].posed(bones)
-    turns = quaternion_wxyz(flesh.rotation)[:, [1, 2, 3, 0]]
+    ellipsoids = model.flesh["fine"].posed(bones)
+    turns = quaternion_wxyz(ellipsoids.rotation)[:, [1, 2, 3, 0]]
     shown = rr.Ellipsoids3D(
-        centers=flesh.centre, half_sizes=flesh.radii, quaternions=turns, colors=[230, 180, 150], fill_mode="solid"
+        centers=ellipsoids.centre, half_sizes=ellipsoids.radii, quaternions=turns, colors=[230, 180, 150], fill_mode="solid"
     )  # fmt: skip
     recording.log("world/flesh", shown)
     if cloud is not None and len(cloud):
         some = cloud[:: max(len(cloud) // _MOST_POINTS, 1)]
         recording.log("world/cloud", rr.Points3D(some, radii=0.0006, colors=[0, 158, 115]))
     for kind, (points, values) in residuals.items():
-        found = rr.Points3D(points, radii=0.0012, colors=signed_colours(values))
-        recording.log(f"world/residual_{kind}", found)
+        result = rr.Points3D(points, radii=0.0012, colors=signed_colours(values))
+        recording.log(f"world/residual_{kind}", result)
 
 
 def signed_colours(residual: Floats[*Axes]) -> Bytes[*Axes]:
@@ -162,9 +162,9 @@ def silent_environment() -> dict[str, str]:
     own = user_data_folder().resolve()
     file = own / "rerun" / "analytics.json"
     file.parent.mkdir(parents=True, exist_ok=True)
-    told = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
+    message = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
     places = {"config_file_path": str(file), "data_dir_path": str(file.parent / "analytics")}
-    file.write_text(json.dumps(told | places), encoding="utf-8")
+    file.write_text(json.dumps(message | places), encoding="utf-8")
     return os.environ | {"XDG_CONFIG_HOME": str(own), "XDG_DATA_HOME": str(own), "CI": "1"}
 
 
@@ -321,7 +321,7 @@ class RerunStream:
         self,
         frame: int,
         iteration: int,
-        energy: float,
+        cost: float,
         parameters: Mapping[str, float],
         pictures: Pictures,
     ) -> None:
@@ -329,7 +329,7 @@ class RerunStream:
         recording, root = self.recording, f"closely/frame_{frame}"
         recording.reset_time()
         recording.set_time("iteration", sequence=iteration)
-        _log_scalars(recording, f"{root}/energy", {"total": energy})
+        _log_scalars(recording, f"{root}/energy", {"total": cost})
         _log_scalars(recording, f"{root}/parameters", parameters)
         _log_pictures(recording, f"{root}/cameras", pictures)
         recording.reset_time()

@@ -68,12 +68,12 @@ class ImportProgress:
         return text(f"<b>{html.escape(self.title)}</b>{steps}", faint=False) + text(lines)
 
 
-def joints_found(folder: Path) -> dict[str, Bytes[H, W, D3]]:
+def detected_joints(folder: Path) -> dict[str, Bytes[H, W, D3]]:
     """Return a small picture BGR of each camera of a session, with the joints that were detected in it. Raises HandtrackError."""
     session = Session.open(folder)
     middle = session.frame_range[session.frame_count // 2]
     return {
-        view.name: small_picture(image, [found.pixels for found in view.keypoints(middle, 1.0)])
+        view.name: small_picture(image, [result.pixels for result in view.keypoints(middle, 1.0)])
         for view in session.views
         if (image := view.image(middle)) is not None
     }
@@ -101,7 +101,7 @@ class Program:
     def __init__(
         self,
         args: Sequence[str],
-        tell: Callable[[str], None],
+        report: Callable[[str], None],
         end: Callable[[int], None],
     ) -> None:
         """Start it. tell: is called with each line, end: with the exit code, both on a thread of its own."""
@@ -111,17 +111,17 @@ class Program:
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
             encoding="utf-8", errors="replace", env=environment, process_group=0 if os.name == "posix" else None,
         )  # fmt: skip
-        threading.Thread(target=self._read, args=(tell, end), daemon=True).start()
+        threading.Thread(target=self._read, args=(report, end), daemon=True).start()
 
     def cancel(self) -> None:
         """Interrupt it, as Ctrl-C does: it ends cleanly."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
 
-    def _read(self, tell: Callable[[str], None], end: Callable[[int], None]) -> None:
+    def _read(self, report: Callable[[str], None], end: Callable[[int], None]) -> None:
         assert self._process.stdout is not None
         with self._process:
             for line in self._process.stdout:
                 if line.strip():
-                    tell(line.strip())
+                    report(line.strip())
         end(self._process.returncode)

@@ -34,13 +34,13 @@ from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.html import card, dress, escaped, picture, pictures, table, text
 from handtrack_app.page.page import put
 from handtrack_app.page.panels.view import colours, welcome
-from handtrack_app.start.found_files import CALIBRATIONS, VIDEOS, FoundFiles, find_files
 from handtrack_app.start.import_progress import (
     ImportProgress,
     Program,
-    joints_found,
+    detected_joints,
     small_picture,
 )
+from handtrack_app.start.input_files import CALIBRATIONS, VIDEOS, InputFiles, find_files
 from handtrack_app.start.recent import recent_sessions
 from handtrack_app.viser_internals import id_of, run_javascript
 
@@ -70,14 +70,14 @@ _RECENT, _FOLDERS = 6, 60
 class StartPage:
     """Serves the page until a recording is chosen."""
 
-    def __init__(self, host: str, port: int, token: str | None = None, told: str = "") -> None:
+    def __init__(self, host: str, port: int, token: str | None = None, message: str = "") -> None:
         self.web = start_web_server(host, port, token=token)
         self.chosen: Path | None = None
         self._ended = threading.Event()
         self._drawing: list[threading.Thread] = []
         """waited for at the end: Python ends what still runs, and within a decoder that aborts the program"""
         self._program: Program | None = None
-        self._found: FoundFiles | None = None
+        self._files: InputFiles | None = None
         self._entries: list[viser.GuiButtonHandle] = []
         self._uploads = TemporaryDirectory(prefix="handtrack-")
         self._uploading = threading.Lock()
@@ -110,8 +110,8 @@ class StartPage:
         self.folder.on_update(lambda event: self._tried(self._typed) if event.client else None)
         put(self.making, visible=False)
         self._list(next((folder.parent for folder in recent_sessions()), Path.home()))
-        if told:
-            self._say("That could not be opened:", told)
+        if message:
+            self._notify("That could not be opened:", message)
 
     def wait(self) -> Path | None:
         """Return the session's folder, once it is chosen."""
@@ -134,7 +134,7 @@ class StartPage:
                 f"{folder}: there is no {SESSION_FILE} in it, so it is no session."
             )
         self.chosen = folder
-        self._say("Opening …", str(folder))
+        self._notify("Opening …", str(folder))
         self._ended.set()
 
     # ---- recordings
@@ -182,9 +182,9 @@ class StartPage:
     def _go(self, folder: Path) -> None:
         """Show a folder, and what can be made of what lies in it."""
         self.folder.value = str(folder)
-        self._say("")
+        self._notify("")
         put(self.making, visible=False)
-        self._found = None
+        self._files = None
         self._list(folder)
         has_joints = is_pose2sim(folder)
         if has_joints or any(path.suffix.lower() in VIDEOS for path in folder.glob("*")):
@@ -202,7 +202,7 @@ class StartPage:
             inside = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
         except OSError as error:
             inside = []
-            self._say("That folder cannot be read:", str(error.strerror))
+            self._notify("That folder cannot be read:", str(error.strerror))
         folders = [path for path in inside if path.is_dir()]
         put(
             self.listed,
@@ -230,20 +230,20 @@ class StartPage:
         folder = Path(self.folder.value.strip()).expanduser()
         put(self.making, visible=True)
         put(self.make, visible=False)
-        found = self._found = find_files(folder, [Path(one).expanduser() for one in given if one])
-        self.found.content = _cameras(found)
-        if not found.calibrations:
+        result = self._files = find_files(folder, [Path(one).expanduser() for one in given if one])
+        self.listed.content = _cameras(result)
+        if not result.calibrations:
             raise HandtrackError(
-                f"{folder}: {len(found.videos)} videos, but no calibration. Give its file below; or make one: `handtrack board`, film it, "
+                f"{folder}: {len(result.videos)} videos, but no calibration. Give its file below; or make one: `handtrack board`, film it, "
                 "`handtrack calibrate`."
             )
-        self.calibration.value = "; ".join(map(str, found.calibrations))
+        self.calibration.value = "; ".join(map(str, result.calibrations))
         if not self.out.value.strip():
             self.out.value = str(folder.parent / f"{folder.name}_handtrack")
-        if found.unused and len(found.videos) == 1:
+        if result.unused and len(result.videos) == 1:
             raise HandtrackError(
-                f"{folder}: the calibration has one camera alone ({next(iter(found.videos))}), but there are "
-                f"{1 + len(found.unused)} videos. Give the calibration of all cameras: one file, or one for each camera with semicolons between."
+                f"{folder}: the calibration has one camera alone ({next(iter(result.videos))}), but there are "
+                f"{1 + len(result.unused)} videos. Give the calibration of all cameras: one file, or one for each camera with semicolons between."
             )
         put(self.make, visible=True)
 
@@ -258,29 +258,29 @@ class StartPage:
                 known = []
             self._taken = [*known, path]
             self.calibration.value = "; ".join(map(str, self._taken))
-            self._say("")
+            self._notify("")
             self.look()  # it writes the field, too
 
     def _uploaded(self, number: int, name: str, content: bytes | None) -> None:
         if content is not None:
             self._tried(partial(self.take_calibration, name, content))
             return
-        self._say(f"{name} is too large.", f"At most {LARGEST_FILE // 1024} kB can be uploaded. Give the path of the file instead.")  # fmt: skip
+        self._notify(f"{name} is too large.", f"At most {LARGEST_FILE // 1024} kB can be uploaded. Give the path of the file instead.")  # fmt: skip
         if (client := self.web.server.get_clients().get(number)) is not None:
             run_javascript(client, "location.reload()")  # it waits for the file to be taken
 
     def make_session(self) -> None:
         """Make the session from what was found."""
-        found = self._found
-        if found is None or not found.calibrations:
+        result = self._files
+        if result is None or not result.calibrations:
             raise HandtrackError("choose a folder with videos and a calibration first.")
         out = Path(self.out.value.strip()).expanduser()
         args = ["new", "--out", str(out)]
-        for calibration in found.calibrations:
+        for calibration in result.calibrations:
             args += ["--calibration", str(calibration)]
-        if found.project is not None:
-            args += ["--project", str(found.project)]
-        for name, path in found.videos.items() if found.project is None else ():
+        if result.project is not None:
+            args += ["--project", str(result.project)]
+        for name, path in result.videos.items() if result.project is None else ():
             args += ["--video", f"{name}={path}"]
         args += (
             *_MASKS[self.masks.value],
@@ -311,7 +311,7 @@ class StartPage:
         self._run(f"Checking {folder.name}", ["doctor", str(folder)], None)
 
     def _add_maker(self, gui: viser.GuiApi) -> None:
-        self.found = gui.add_html("")
+        self.listed = gui.add_html("")
         self.calibration = gui.add_text(
             "Calibration",
             "",
@@ -381,7 +381,7 @@ class StartPage:
         put(self.pictures, visible=False)
         self.output.content = progress.words()
 
-        def tell(line: str) -> None:
+        def report(line: str) -> None:
             if progress.hear(line) and out is not None:
                 self._draw(partial(self._show_joints, out))
             self.output.content = progress.words()
@@ -403,18 +403,18 @@ class StartPage:
                 self._out = out
                 put(self.open_done, visible=True)
 
-        self._program = Program(args, tell, end)
+        self._program = Program(args, report, end)
 
     def _show_running(self, on: bool) -> None:
         put(self.cancel, visible=on)
         put(self.bar, visible=on)
         for form in (self.opening, self.browsing, self.making):
-            put(form, visible=not on and (form is not self.making or self._found is not None))
+            put(form, visible=not on and (form is not self.making or self._files is not None))
 
     def _show_joints(self, out: Path) -> None:
         """Show each camera's picture, with the joints that were detected in it."""
         with suppress(HandtrackError, OSError):
-            shown = {name: _picture(one, name) for name, one in joints_found(out).items()}
+            shown = {name: _picture(one, name) for name, one in detected_joints(out).items()}
             put(self.pictures, content=pictures(shown), visible=True)
 
     def _cancel(self) -> None:
@@ -422,7 +422,7 @@ class StartPage:
             put(self.cancel, visible=False)
             self._program.cancel()
 
-    def _say(self, title: str, words: str = "") -> None:
+    def _notify(self, title: str, words: str = "") -> None:
         self.output.content = text(f"<b>{html.escape(title)}</b> {html.escape(words)}", faint=False) if title else ""  # fmt: skip
 
     def _button(self, label: str, act: Callable[[], None], **drawn: Any) -> viser.GuiButtonHandle:
@@ -435,10 +435,10 @@ class StartPage:
         try:
             act()
         except HandtrackError as error:
-            self._say("That is not possible:", str(error))
+            self._notify("That is not possible:", str(error))
         except Exception as error:
             log.exception("callback failed")
-            self._say("That did not work:", f"{type(error).__name__}: {error}")
+            self._notify("That did not work:", f"{type(error).__name__}: {error}")
 
 
 def _welcome(client: viser.ClientHandle) -> None:
@@ -451,15 +451,15 @@ def _picture(image: Bytes[H, W, D3], name: str = "") -> str:
     return picture(small_picture(image)[..., ::-1], name)
 
 
-def _cameras(found: FoundFiles) -> str:
+def _cameras(files: InputFiles) -> str:
     """Return a row for each camera: its video, whether it is calibrated, and what is missing; and what is not used."""
-    known = [] if found.given is None else [one.name for one in found.given.cameras]
+    known = [] if files.given is None else [one.name for one in files.given.cameras]
     unnamed = None in known
-    names = dict.fromkeys((*found.videos, *(name for name in known if name is not None)))
+    names = dict.fromkeys((*files.videos, *(name for name in known if name is not None)))
     rows = ""
     for name in names:
-        video, calibrated = found.videos.get(name), unnamed or name in known
-        joints = found.project is not None
+        video, calibrated = files.videos.get(name), unnamed or name in known
+        joints = files.project is not None
         state = "ready" if calibrated and (video or joints) else "no calibration" if video else "no video: left out"  # fmt: skip
         rows += (
             f"<tr class='{'' if state == 'ready' else 'handtrack-error'}'><td><b>{html.escape(name)}</b></td>"
@@ -468,10 +468,10 @@ def _cameras(found: FoundFiles) -> str:
         )
     unused = "".join(
         f"<div class='handtrack-error'><b>Not used:</b> {html.escape(path.name)}, of no camera of the calibration</div>"
-        for path in found.unused
+        for path in files.unused
     )
-    family = found.given.family if found.given else ""
-    if found.project is not None:
+    family = files.given.family if files.given else ""
+    if files.project is not None:
         family = f"a Pose2Sim project, with the cameras' 2D joints; {family}"
     return table(rows) + text(unused, faint=False) + escaped(family)
 
@@ -481,7 +481,7 @@ def _cameras(found: FoundFiles) -> str:
 
 @logging_to(LOG_FILE)
 def choose_recording(
-    host: str, port: int, open_browser: bool, token: str | None = None, told: str = ""
+    host: str, port: int, open_browser: bool, token: str | None = None, message: str = ""
 ) -> tuple[Path, WebServer] | None:
     """Serve the start page; return the folder that was chosen, and the page's web server, closed. None after Ctrl-C.
 
@@ -491,7 +491,7 @@ def choose_recording(
     if warning and token is None:
         print(f"handtrack: {warning}", file=sys.stderr)
     chosen = choose_port(host, None if port == FIRST_PORT and token is None else port)
-    page = StartPage(host, chosen, token, told)
+    page = StartPage(host, chosen, token, message)
     try:
         if token is None:
             print(f"handtrack: choose a recording at {page.web.url} (Ctrl-C ends)", flush=True)

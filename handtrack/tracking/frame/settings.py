@@ -173,7 +173,7 @@ class CloudTermSettings:
         "The approximate distance of a point to one ellipsoid, from which the metaball surface is made.",
         label="Distance",
         words={"d1": "d1, by the level", "d2": "d2, along the radius", "d3": "d3, both"},
-        told=_DISTANCES,
+        explanations=_DISTANCES,
     )
     sharpness_per_mm: float = setting(
         1.0,
@@ -403,7 +403,7 @@ class TrackerSettings:
         "handtrack's method, or that of one of the three papers with its settings (`docs/explanation/papers.md`). Other settings "
         "override it.",
         label="Method",
-        told={name: method.words for name, method in METHODS.items()},
+        explanations={name: method.words for name, method in METHODS.items()},
         words={
             "default": "handtrack",
             "paper2007": "2007, conic fields",

@@ -12,7 +12,7 @@ from handtrack.session import bundled
 from handtrack.session.layout import POSES_FILE
 from handtrack.tracking.search import initialize
 from handtrack_app.engine import opening
-from handtrack_app.engine.opening import nothing_seen
+from handtrack_app.engine.opening import nothing_observed
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.cloudy_session import cloudy_session
@@ -113,7 +113,7 @@ def test_images_alone_are_nothing_to_track_by_until_edges_count(tmp_path):
     path = cloudy_session(tmp_path) / "session.toml"
     path.write_text(path.read_text().partition("[clouds]")[0])
     run = opening.document(opening.opened(tmp_path)).run
-    assert nothing_seen(run) and not nothing_seen(run.with_values({"edges.weight": 1.0}))
+    assert nothing_observed(run) and not nothing_observed(run.with_values({"edges.weight": 1.0}))
 
 
 def test_the_demo_is_tracked_when_it_is_opened_and_stays_as_its_user_left_it(monkeypatch, tmp_path):
@@ -126,7 +126,7 @@ def test_the_demo_is_tracked_when_it_is_opened_and_stays_as_its_user_left_it(mon
     assert evaluate(track, session.truth)["mpjpe_median_mm"] < 6.0
     first = opening.preview(session)  # before anything is fitted
     first.show(20)
-    places = first.model.joint_positions(first.model.bones(first.seen))
+    places = first.model.joint_positions(first.model.bones(first.displayed))
     assert_allclose(places, track.joint_positions[20], atol=1e-6)
     (folder / POSES_FILE).unlink()
     assert bundled.demo_session() == folder and not (folder / POSES_FILE).exists()

@@ -39,11 +39,11 @@ def test_experts_choose_method_distance_and_sharpness_on_the_page(bench, wire):
     wire.set_value(sharpness, 0.5)
     eventually(lambda: run().cloud.sharpness_per_mm == 0.5)
     assert run().cloud.distance == "d1"
-    eventually(lambda: "least radius" in panel.told["cloud.distance"].content)
+    eventually(lambda: "least radius" in panel.explanations["cloud.distance"].content)
     before = run()
     wire.set_value(method, "2007, conic fields")
     eventually(lambda: run().silhouettes.term == "conic_field")
-    eventually(lambda: METHODS["paper2007"].words in panel.told["method"].content)
+    eventually(lambda: METHODS["paper2007"].words in panel.explanations["method"].content)
     eventually(lambda: panel.controls["solver.iterations"].widget.value == 10, "what it set shows")
     assert METHODS["paper2007"].values.items() <= run().flat().items()
     assert run().traits == METHODS["paper2007"].traits

@@ -24,7 +24,7 @@ def test_its_parts_stand_on_their_bones_and_a_slider_moves_a_limb(tmp_path):
         bones = document.model.bones(document.model.transform.solver_params(document.start))
         assert len(hand.parts) == len(document.model.superquadrics) == 19
         np.testing.assert_allclose(places(), bones.position[list(hand.part_bone)], atol=1e-6)
-        assert all(part.visible for part in hand.parts) and not hand.flesh.visible
+        assert all(part.visible for part in hand.parts) and not hand.ellipsoids.visible
         client.set_value(bench.layout.pose.sliders["left_knee_flex"], 90.0)
         foot = hand.part_bone.index(document.model.skeleton.bone("left_foot"))
         away = lambda: np.linalg.norm(places()[foot] - bones.position[hand.part_bone[foot]])  # noqa: E731

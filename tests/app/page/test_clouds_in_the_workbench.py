@@ -67,9 +67,9 @@ def test_the_surface_stands_where_the_ellipsoids_did(cloudy):
     stage = cloudy.stage
     with WireClient(cloudy.url) as client:
         client.set_value(cloudy.layout.session.mode, "surface")
-        eventually(lambda: stage.surface.visible and not stage.hand.flesh.visible)
+        eventually(lambda: stage.surface.visible and not stage.hand.ellipsoids.visible)
         cloudy.page.play(True)
-        eventually(lambda: stage.hand.flesh.visible and not stage.surface.visible)
+        eventually(lambda: stage.hand.ellipsoids.visible and not stage.surface.visible)
         cloudy.page.play(False)
         eventually(lambda: stage.surface.visible)
 
@@ -105,7 +105,7 @@ def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(tmp
 
 def test_nothing_stands_before_the_image_while_a_box_is_dragged(cloudy):
     stage, skin, wide = cloudy.stage, cloudy.layout.cloud.skin, cloudy.layout.cloud.wide
-    hand, root, points = stage.hand.flesh, stage.root.control, stage.cloud.points
+    hand, root, points = stage.hand.ellipsoids, stage.root.control, stage.cloud.points
 
     def shown():
         return {bool(thing.visible) for thing in (hand, root, points)}

@@ -16,7 +16,7 @@ from tests.app.wire import WireClient
 
 def _tracked(bench):
     bench.engine.track(0, FRAMES, 3)
-    eventually(lambda: len(bench.layout.review.stretches) == 1, "frame 7 is doubtful")
+    eventually(lambda: len(bench.layout.review.intervals) == 1, "frame 7 is doubtful")
     eventually(lambda: bench.layout.progress.state == "idle")
 
 
@@ -30,11 +30,11 @@ def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench, wire):
     eventually(lambda: state.frame == 7)
     wire.set_value(review.accept, "Interval")
     eventually(lambda: document.accepted == {7})
-    eventually(lambda: not review.stretches and "No frames" in review.head.content)
+    eventually(lambda: not review.intervals and "No frames" in review.head.content)
     eventually(lambda: "and locked" in review.here.content)
     assert "Accepted" in bench.layout.pose.card.content
     wire.set_value(review.release, "Frame")
-    eventually(lambda: not document.accepted and len(review.stretches) == 1)
+    eventually(lambda: not document.accepted and len(review.intervals) == 1)
     wire.set_value(review.accept, "All confident")
     eventually(lambda: document.accepted == {*range(FRAMES)} - {7})
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
@@ -87,7 +87,7 @@ def test_the_queue_goes_on_and_around(bench):
     review, state = bench.layout.review, bench.state
     strip = review.strip
     cards = (_card(5, 6), _card(1, 3), _card(9, 9))
-    review.show_timeline(TimelineSnapshot(0, strip.status, strip.lanes, stretches=cards))
+    review.show_timeline(TimelineSnapshot(0, strip.status, strip.lanes, intervals=cards))
     seen = []
     for by in (1, 1, 1, 1, -1, -1):
         review.step(by)

@@ -27,7 +27,7 @@ def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench)
     document, stage = bench.worker.document, bench.stage
     bones = document.model.bones(document.model.transform.solver_params(document.start))
     posed = document.model.flesh["fine"].posed(bones)
-    turned = matrix_from_quaternion(np.array(stage.hand.flesh.batched_wxyzs, float))
+    turned = matrix_from_quaternion(np.array(stage.hand.ellipsoids.batched_wxyzs, float))
     assert_allclose(turned, posed.rotation, atol=1e-6)
     for camera in document.run.session.rig.cameras:
         drawn = stage.cameras.frusta[camera.name]
@@ -106,7 +106,7 @@ def told_value(client, handle):
 
 def test_c42_two_pages_edit_and_the_last_edit_stands(bench, pages):
     slider = bench.layout.pose.sliders["index_mcp_flex"]
-    places = lambda: np.array(bench.stage.hand.flesh.batched_positions)  # noqa: E731
+    places = lambda: np.array(bench.stage.hand.ellipsoids.batched_positions)  # noqa: E731
     before, value = places(), slider.value
     first, second = pages
     for one, other, angle in ((first, second, 50.0), (second, first, 60.0)):

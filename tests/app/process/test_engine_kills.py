@@ -119,7 +119,7 @@ def test_no_edit_is_lost_or_done_twice_however_often_the_engine_is_killed(tmp_pa
     while kills < KILLS:
         way = rng.choice(("at work", "at work", "does not answer", "opening"))
         if way != "opening":
-            eventually(lambda: page.engine._outbox._told is not None and page.saved != "")
+            eventually(lambda: page.engine._outbox._reported is not None and page.saved != "")
             if rng.random() < 0.6:
                 eventually(lambda: page.saved == "saved", "saved", 120.0)
                 editor.look()

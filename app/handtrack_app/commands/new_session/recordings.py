@@ -31,7 +31,7 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.toml_text import read_toml
 from handtrack.geometry.camera import Camera, CameraRig, scaled_by
 from handtrack.session.layout import is_pattern
-from handtrack_app.commands.terminal.output import note, say
+from handtrack_app.commands.terminal.output import note, print_status
 
 _BLOCK_PX = 16
 _IMAGES, _VIDEO, _DEPTH = "--images", "--video", "--depth"
@@ -92,12 +92,12 @@ def recorded_cameras(
             taken[place] = camera
             cameras[camera] = Recorded(camera, _opened(option, text, where))
     for camera, text in depth.items():
-        seen = cameras.get(camera, Recorded(camera))
+        observed = cameras.get(camera, Recorded(camera))
         given = _opened(_DEPTH, text, f"{_DEPTH} {camera}={text}")
-        cameras[camera] = replace(seen, depth=given)
+        cameras[camera] = replace(observed, depth=given)
     for camera, file in keypoints.items():
-        seen = cameras.get(camera, Recorded(camera))
-        cameras[camera] = replace(seen, keypoints=file)
+        observed = cameras.get(camera, Recorded(camera))
+        cameras[camera] = replace(observed, keypoints=file)
     if not cameras:
         raise HandtrackError(
             "nothing was recorded: give each camera's images with --video CAMERA=FILE or --images CAMERA='folder/*.png', its "
@@ -112,8 +112,8 @@ def in_views(
     """Return what is given by camera with each bent lens's images once for each pinhole view of them. Raises HandtrackError
     for depth, which is measured along the axis of the lens and not of the view.
     """
-    lenses = {seen.camera: seen.lens for seen in views.values()}
-    found = {}
+    lenses = {observed.camera: observed.lens for observed in views.values()}
+    results = {}
     for name, cam in recorded.items():
         lens = lenses.get(name)
         if lens is not None and cam.depth is not None:
@@ -127,10 +127,12 @@ def in_views(
                 f"{cam.images.where}: images of {w} x {h}; its fisheye lens is calibrated for {width} x {height}. Calibrate it at "
                 "the size that it records."
             )
-        sizes = {tile: seen.view.size for tile, seen in views.items() if seen.camera == name}
+        sizes = {
+            tile: observed.view.size for tile, observed in views.items() if observed.camera == name
+        }
         for tile, size in (sizes or {name: None}).items():
-            found[tile] = replace(cam, view_size=size)
-    return found
+            results[tile] = replace(cam, view_size=size)
+    return results
 
 
 def _opened(option: str, text: str, where: str) -> Given:
@@ -236,7 +238,7 @@ def copied(files: Mapping[str, Path], folder: Path) -> None:
     for name, path in files.items():
         target = folder / name
         if target.parent not in said or target.parent == folder:
-            say(f"copying {path if target.parent == folder else path.parent} …")
+            print_status(f"copying {path if target.parent == folder else path.parent} …")
             said.add(target.parent)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, target)
@@ -277,7 +279,7 @@ class CameraJoints:
         left = ", ".join(self.unknown[:8])
         kind = "body" if is_body(LAYOUTS[self.layout(side)]) else "hand"
         more = f"; not a {kind}'s, so left out: {left}" if left else ""
-        say(f"{self.where}: {self.what} in {len(self.frames)} frames{more}.")
+        print_status(f"{self.where}: {self.what} in {len(self.frames)} frames{more}.")
         note(*self.notes)
 
 
@@ -291,7 +293,7 @@ class GivenSubject:
     @property
     def side(self) -> str | None:
         """Which hand it is, where a file says it."""
-        return next((found.side for found in self.joints.values() if found.side), None)
+        return next((result.side for result in self.joints.values() if result.side), None)
 
 
 def joint_regions(
@@ -319,19 +321,21 @@ def subject_in_views(subject: GivenSubject, views: Mapping[str, LensView]) -> Gi
     if not views:
         return subject
     bent = {view.camera for view in views.values()}
-    found = {name: joints for name, joints in subject.joints.items() if name not in bent}
-    for name, seen in views.items():
-        joints = subject.joints.get(seen.camera)
+    results = {name: joints for name, joints in subject.joints.items() if name not in bent}
+    for name, observed in views.items():
+        joints = subject.joints.get(observed.camera)
         if joints is not None:
-            frames = {f: _in_view(p, seen) for f, p in joints.pixels(seen.lens.size).items()}
-            found[name] = replace(joints, frames=frames, is_share=False)
-    return replace(subject, joints=found)
+            frames = {
+                f: _in_view(p, observed) for f, p in joints.pixels(observed.lens.size).items()
+            }
+            results[name] = replace(joints, frames=frames, is_share=False)
+    return replace(subject, joints=results)
 
 
-def _in_view(points: Floats[N, D3], seen: LensView) -> Floats[N, D3]:
+def _in_view(points: Floats[N, D3], view: LensView) -> Floats[N, D3]:
     moved = points.copy()
-    moved[:, :2] = seen.view.pixels(seen.lens.rays(points[:, :2]))
-    inside = ((moved[:, :2] > -0.5) & (moved[:, :2] < np.array(seen.view.size) - 0.5)).all(axis=1)
+    moved[:, :2] = view.view.pixels(view.lens.rays(points[:, :2]))
+    inside = ((moved[:, :2] > -0.5) & (moved[:, :2] < np.array(view.view.size) - 0.5)).all(axis=1)
     moved[~inside] = [np.nan, np.nan, 0.0]
     return moved
 
@@ -361,19 +365,19 @@ def given_subject(
     read = {n: (w, read_joints(text, w, names, n)) for n, (w, text) in given.items()}
     kind = kind or _kind(read, side, layout, person)
     _check_wished(kind, read, layout, person)
-    found = {
+    results = {
         name: _person(one, where, likely, layout, person)
         if kind is BODY
         else _hand(one, where, side)
         for name, (where, one) in read.items()
     }
-    sides = {joints.side: joints for joints in found.values() if joints.side}
+    sides = {joints.side: joints for joints in results.values() if joints.side}
     if len(sides) > 1:
         first, second = sides.values()
         raise HandtrackError(
             f"{second.where}: a {second.side} hand, but {first.where} has a {first.side} one; say which with --side."
         )
-    return GivenSubject(kind, found)
+    return GivenSubject(kind, results)
 
 
 def names_of_table(path: Path) -> dict[str, str]:

@@ -147,7 +147,7 @@ def share_bar(what: str) -> Iterator[ReportProgress]:
     """Give what tells how far something without frames is: a share from 0 to 1, and words; the bar comes with the first."""
     bars: list[tqdm] = []
 
-    def tell(share: float, words: str, _: object = None, /) -> None:
+    def report(share: float, words: str, _: object = None, /) -> None:
         if not bars:
             shape = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
             bars.append(progress_bar(1.0, what, bar_format=shape))
@@ -155,13 +155,13 @@ def share_bar(what: str) -> Iterator[ReportProgress]:
         bars[0].update(share - bars[0].n)
 
     try:
-        yield tell
+        yield report
     finally:
         for bar in bars:
             bar.close()
 
 
-def say(text: str) -> None:
+def print_status(text: str) -> None:
     """Print a line about what goes on, on stderr."""
     print(text, file=sys.stderr, flush=True)
 
@@ -169,7 +169,7 @@ def say(text: str) -> None:
 def note(*texts: str) -> None:
     """Print what is to be known beside the answer, on stderr, each once."""
     for text in dict.fromkeys(texts):
-        say(f"note: {text}")
+        print_status(f"note: {text}")
 
 
 class Stop:
@@ -220,5 +220,5 @@ def stoppable() -> Iterator[Stop]:
 def saying_compiling() -> AbstractContextManager[object]:
     """Within the block, say once that kernels are compiled, if any are: that takes a while, the first time."""
     words = "compiling kernels for this machine; only the first time, about half a minute …"
-    watch = CompileWatch(lambda _: say(words) if watch.count == 1 else None)
+    watch = CompileWatch(lambda _: print_status(words) if watch.count == 1 else None)
     return closing(watch)

@@ -25,7 +25,7 @@ from handtrack.session.run import TrackingRun, poses_of_image_joints
 from handtrack.session.session import Session
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack_app.commands.terminal.output import Stop, confirmed, output_file, say
+from handtrack_app.commands.terminal.output import Stop, confirmed, output_file, print_status
 
 _SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
 _UNUSUAL = ("edges", "intensity")  # off unless they are asked for
@@ -55,7 +55,7 @@ def asked_for(
     overrides = {**parse_settings(options.set), **more}
     overrides |= parse_sources(options.use, session.settings.with_values(overrides))
     settings = session.settings.with_values(overrides)
-    check_seen(session, settings, options.use)
+    check_observed(session, settings, options.use)
     return session, overrides, settings, first_pose(options.init, session, settings)
 
 
@@ -93,7 +93,7 @@ def parse_sources(text: str | None, settings: TrackerSettings) -> dict[str, floa
     return weights | {key: 1.0 for key in wanted if flat[key] == 0}
 
 
-def check_seen(session: Session, settings: TrackerSettings, use: str | None) -> None:
+def check_observed(session: Session, settings: TrackerSettings, use: str | None) -> None:
     """Raise HandtrackError for a session in which nothing can be tracked, or not what `--use` asks for."""
     masks, clouds = any(view.has_masks for view in session.views), session.has_clouds
     images = any(view.images is not None for view in session.views)
@@ -211,7 +211,7 @@ def writable(asked: Path | None, folder: Path) -> Path:
 _ANYWAY = "Track from it anyway?"
 
 
-def found_first_pose(
+def search_first_pose(
     session: Session, overrides: Mapping[str, object], frames: range, stop: Stop, yes: bool
 ) -> FirstPose | None:
     """Return the surest pose in a range of frames; None when the user stopped it. HandtrackError where there is no hand, or the
@@ -222,29 +222,29 @@ def found_first_pose(
 
     def progress(share: float, _text: str) -> None:
         if not begun:
-            say("looking for the first pose …")
+            print_status("looking for the first pose …")
         begun.append(share)
 
-    found = find_first_poses(run, frames, stop, progress)
+    result = find_first_poses(run, frames, stop, progress)
     if stop():
         return None
-    if not found:
+    if not result:
         raise no_hand_found(run)
-    for line in described(found):
-        say(line)
-    first = found[0].first_pose
+    for line in described(result):
+        print_status(line)
+    first = result[0].first_pose
     ask_for_other_side(session, first, yes)
-    if found[0].confidence >= SURE or yes:
+    if result[0].confidence >= SURE or yes:
         return first
     unfitted = {**overrides, "model.fit_size": False}
     begun_there = TrackingRun.open(session, unfitted, first, stop)
     if confirmed_by_tracking(begun_there, frames, stop):
-        say("Tracking confirms it: the next frames fit as well.")
+        print_status("Tracking confirms it: the next frames fit as well.")
     elif not stop() and not confirmed(_ANYWAY):
-        is_body = found[0].model.kind == "body"
+        is_body = result[0].model.kind == "body"
         more = "add another camera's joints" if is_body else "give joints (`handtrack detect`)"
         raise HandtrackError(
-            f"{session.folder}: the best first pose, in frame {found[0].frame}, has a confidence of {percent(found[0].confidence)}, so "
+            f"{session.folder}: the best first pose, in frame {result[0].frame}, has a confidence of {percent(result[0].confidence)}, so "
             f"nothing was tracked. Look at it in the workbench (`handtrack open`), {more}, give a "
             "pose (--init FILE), name other frames with --frames, or use it anyway with --yes."
         )
@@ -264,16 +264,16 @@ def first_pose_of_images(
     session: Session, settings: TrackerSettings, first: FirstPose, yes: bool
 ) -> FirstPose:
     """Return the likeliest pose that joints in images mean, and tell the others; see `ask_for_other_side`."""
-    found = poses_of_image_joints(session, settings, first)
-    for line in described(found):
-        say(line)
-    ask_for_other_side(session, found[0].first_pose, yes)
-    return found[0].first_pose
+    result = poses_of_image_joints(session, settings, first)
+    for line in described(result):
+        print_status(line)
+    ask_for_other_side(session, result[0].first_pose, yes)
+    return result[0].first_pose
 
 
-def described(found: list[FirstPoseCandidate]) -> list[str]:
+def described(candidates: list[FirstPoseCandidate]) -> list[str]:
     """Return lines that say what was found, how sure it is, and what else it may be."""
-    best, others = found[0], found[1:]
+    best, others = candidates[0], candidates[1:]
     lines = [f"first pose: frame {best.frame}, {percent(best.confidence)} sure ({best.note})."]
     lines += [f"  or: {percent(other.confidence)}, {other.note}" for other in others]
     if best.confidence < SURE:

@@ -90,18 +90,20 @@ class CameraPictures:
         kind = cv2.INTER_LINEAR if image.ndim > 2 else cv2.INTER_NEAREST
         return cv2.remap(image, *self._maps[name], kind)  # type: ignore[return-value]
 
-    def thumbnail(self, name: str, frame: int, paint: str, flesh: Ellipsoids) -> Bytes[H, W, D3]:
+    def thumbnail(
+        self, name: str, frame: int, paint: str, ellipsoids: Ellipsoids
+    ) -> Bytes[H, W, D3]:
         """Return a small picture: the model's field, or the image with its outline unless `paint` is `plain`."""
         small = shrunk(self.plain(name, frame))
         camera = self.camera(name).without_distortion().scaled((small.shape[1], small.shape[0]))
-        return _painted(small, camera, "outline" if paint == "residual" else paint, flesh)
+        return _painted(small, camera, "outline" if paint == "residual" else paint, ellipsoids)
 
     def screen(
         self,
         name: str,
         frame: int,
         paint: str,
-        flesh: Ellipsoids,
+        ellipsoids: Ellipsoids,
         silhouette: Silhouette | None,
         aside: int | None = None,
     ) -> Bytes[H, W, D3]:
@@ -113,10 +115,10 @@ class CameraPictures:
         image = self.plain(name, frame)
         camera = self.camera(name).without_distortion()
         if paint == "close":
-            return close_up(image, camera, flesh, aside)
+            return close_up(image, camera, ellipsoids, aside)
         if paint == "residual" and silhouette is not None:
-            return residual_picture(image, camera, flesh, silhouette.mask)
-        return _painted(image, camera, paint, flesh)
+            return residual_picture(image, camera, ellipsoids, silhouette.mask)
+        return _painted(image, camera, paint, ellipsoids)
 
     def _read(self, name: str, frame: int) -> Bytes:
         view = self._session.view(name)
@@ -136,11 +138,11 @@ class CameraPictures:
 
 
 def _painted(
-    image: Bytes[H, W, D3], camera: Camera, paint: str, flesh: Ellipsoids
+    image: Bytes[H, W, D3], camera: Camera, paint: str, ellipsoids: Ellipsoids
 ) -> Bytes[H, W, D3]:
     if paint == "field":
-        return field_picture(camera, flesh)
-    return outline_picture(image, camera, flesh) if paint == "outline" else image
+        return field_picture(camera, ellipsoids)
+    return outline_picture(image, camera, ellipsoids) if paint == "outline" else image
 
 
 CLOSE_SIZE = (640, 480)
@@ -151,13 +153,13 @@ _THICK = 2  # [px] of the outline
 
 
 def close_up(
-    image: Bytes[H, W, D3], camera: Camera, flesh: Ellipsoids, aside: int | None = None
+    image: Bytes[H, W, D3], camera: Camera, ellipsoids: Ellipsoids, aside: int | None = None
 ) -> Bytes[H, W, D3]:
     """Return the part of an undistorted image RGB that shows a model with its outline, `CLOSE_SIZE` large; all of it where none is before the camera.
 
     aside: a bone that may be cut off, a hand's forearm.
     """
-    factor, left, top = _part(camera, flesh, aside)
+    factor, left, top = _part(camera, ellipsoids, aside)
     shift = np.array([[factor, 0, -factor * left], [0, factor, -factor * top]])
     way = cv2.INTER_CUBIC if factor > 1 else cv2.INTER_AREA
     close = cv2.warpAffine(image, shift, CLOSE_SIZE, flags=way, borderValue=(26, 26, 26))
@@ -166,21 +168,21 @@ def close_up(
     matrix[0, 0], matrix[1, 1] = factor * matrix[0, 0], factor * matrix[1, 1]
     matrix[:2, 2] = factor * (matrix[:2, 2] - (left, top))
     near = replace(camera.without_distortion(), size=CLOSE_SIZE, matrix=matrix)
-    lines = [np.rint(line).astype(np.int32)[:, None] for line in outline_polygons(near, flesh)]
+    lines = [np.rint(line).astype(np.int32)[:, None] for line in outline_polygons(near, ellipsoids)]
     cv2.polylines(picture, lines, True, OUTLINE, _THICK, cv2.LINE_AA)
     return picture
 
 
-def _part(camera: Camera, flesh: Ellipsoids, aside: int | None) -> tuple[float, float, float]:
+def _part(camera: Camera, ellipsoids: Ellipsoids, aside: int | None) -> tuple[float, float, float]:
     """Return the enlargement, and the column and row [px] of the part's upper left pixel."""
-    seen = flesh.centre @ camera.rotation.T + camera.translation
-    reach = flesh.radii.max(axis=1)
-    ahead = (seen[:, 2] > reach) & (flesh.bone != (-1 if aside is None else aside))
+    observed = ellipsoids.centre @ camera.rotation.T + camera.translation
+    reach = ellipsoids.radii.max(axis=1)
+    ahead = (observed[:, 2] > reach) & (ellipsoids.bone != (-1 if aside is None else aside))
     wide, high = camera.size
     low, high_corner = np.zeros(2), np.array([wide, high], float)
     if ahead.any():
-        depth = seen[ahead, 2:]
-        pixels = (seen[ahead] / depth) @ camera.matrix[:2].T
+        depth = observed[ahead, 2:]
+        pixels = (observed[ahead] / depth) @ camera.matrix[:2].T
         around = reach[ahead, None] / depth * np.diag(camera.matrix)[:2]
         low, high_corner = (pixels - around).min(axis=0), (pixels + around).max(axis=0)
     size = np.maximum(high_corner - low, 1.0)
@@ -218,10 +220,10 @@ def points_picture(
     size = picture.shape[1::-1]
     pixels = factor * (camera.project(points) + 0.5) if len(points) else np.zeros((0, 2))
     with np.errstate(invalid="ignore"):
-        seen = ((pixels >= 0) & (pixels < size)).all(axis=1)
+        observed = ((pixels >= 0) & (pixels < size)).all(axis=1)
     for number, name in enumerate(names):  # those that stay come last, on top
-        _paint(picture, pixels[seen & (fate == number)], FILTERS[name], 1)
-    _paint(picture, pixels[seen & (fate == len(names))], KEPT, 1 + (width > NARROW_PX))
+        _paint(picture, pixels[observed & (fate == number)], FILTERS[name], 1)
+    _paint(picture, pixels[observed & (fate == len(names))], KEPT, 1 + (width > NARROW_PX))
     return picture
 
 
@@ -245,17 +247,17 @@ def stereo_pictures(view: StereoView) -> dict[str, Bytes[H, W, D3]]:
     """
     rows, columns, moved = _cut(view)
     left, right = (np.asarray(i[..., ::-1], np.uint8).copy() for i in (view.left, view.right))
-    found = view.disparity[rows, columns]
+    result = view.disparity[rows, columns]
     grey = np.asarray(left[rows, columns].mean(axis=2) * 0.4, np.uint8)
     thrown = np.repeat(grey[..., None], 3, axis=2)
-    kept = np.isfinite(found)
+    kept = np.isfinite(result)
     thrown[kept] = np.clip(thrown[kept].astype(int) + 40, 0, 255)
     for number in range(1, len(REJECTED)):
         thrown[view.rejected[rows, columns] == number] = REJECTS[number]
     return {
         "left, rectified": _with_lines(left[rows, columns]),
         "right, rectified": _with_lines(right[rows, moved]),
-        "disparity": _coloured(np.where(kept, found, np.nan)),
+        "disparity": _coloured(np.where(kept, result, np.nan)),
         "rejected": thrown,
     }
 
@@ -381,8 +383,8 @@ class Painter:
         document, maker = self._document, self._maker
         session, frame = document.run.session, document.frame
         maker.see(session)
-        bones = document.model.bones_within_limits(document.seen)
-        flesh = document.model.flesh["fine"].posed(bones)
+        bones = document.model.bones_within_limits(document.displayed)
+        ellipsoids = document.model.flesh["fine"].posed(bones)
         skeleton = document.model.skeleton
         aside = skeleton.bone("forearm") if document.model.has_forearm else None
         large = {}
@@ -391,17 +393,19 @@ class Painter:
                 continue  # masks may take long: they are made on the render thread
             silhouette, joints = None, None
             if paint == "residual":
-                seen = session.observation(frame, cloud=False)
-                silhouette = next((s for s in seen.silhouettes if s.camera.name == camera), None)
+                observed = session.observation(frame, cloud=False)
+                silhouette = next(
+                    (s for s in observed.silhouettes if s.camera.name == camera), None
+                )
                 joints = self._joints(camera, frame, bones)
-            screen = maker.screen(camera, frame, paint, flesh, silhouette, aside)
+            screen = maker.screen(camera, frame, paint, ellipsoids, silhouette, aside)
             large[camera, paint] = screen if joints is None else joints_picture(screen, joints)
         if large:
             yield PictureSnapshot(frame, screens=large)
         small = {}
         for name in session.rig.names if self._thumbnails else ():
             yield None
-            small[name] = maker.thumbnail(name, frame, self._paint, flesh)
+            small[name] = maker.thumbnail(name, frame, self._paint, ellipsoids)
         if small:
             yield PictureSnapshot(frame, small, large)
 
@@ -409,7 +413,7 @@ class Painter:
         """Return where a detector saw a camera's joints and where the model has them [px], of those that both have."""
         document = self._document
         model, sigma_px = document.model, document.run.settings.keypoints.detected_px
-        seen = document.run.session.view(camera).keypoints(frame, sigma_px)
+        observed = document.run.session.view(camera).keypoints(frame, sigma_px)
         places = model.joint_positions(bones)
-        pairs = [joint_pairs(joints, model.joint_names, places) for joints in seen]
+        pairs = [joint_pairs(joints, model.joint_names, places) for joints in observed]
         return np.concatenate([np.zeros((0, 2, 2)), *pairs])

@@ -275,7 +275,7 @@ class CloudService(PreviewService):
 
     def _moment(self) -> RenderInput:
         document, model = self.document, self.document.model
-        bones = model.bones_within_limits(document.seen)
+        bones = model.bones_within_limits(document.displayed)
         before = document.frame - 1
         previous = bones if document.is_posed else None
         if before in document.by_hand or before in document.results:

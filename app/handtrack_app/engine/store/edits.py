@@ -114,26 +114,26 @@ def clouds(settings: CloudSettings) -> Edit:
 def corrected_cameras(document: Document, cameras: Sequence[str]) -> Edit:
     """Correct cameras by what the estimate of the whole recording found of them. Raises HandtrackError."""
     known, earlier = document.camera_errors, document.run.session.corrections
-    found = dict[str, CameraCorrection]()
+    results = dict[str, CameraCorrection]()
     for camera in cameras:
         if camera not in known:
             raise HandtrackError(
                 f"No error of camera '{camera}' was estimated, or it is corrected already."
             )
-        found[camera] = known[camera]
+        results[camera] = known[camera]
         if camera in earlier:
             error = known[camera].error.after(earlier[camera].error)
-            found[camera] = msgspec.structs.replace(known[camera], error=error)
-    return decide(camera=found)
+            results[camera] = msgspec.structs.replace(known[camera], error=error)
+    return decide(camera=results)
 
 
-def seen_arm(document: Document) -> Edit:
+def arm_in_view(document: Document) -> Edit:
     """Give the model a forearm if the frame shown has one beyond the hand."""
     params = document.model.params_within_limits(document.shown)
     return arm(document, document.run.with_arm_in_view(document.frame, params).arm_m)
 
 
-def arm(document: Document, found_m: float) -> Edit:
+def arm(document: Document, arm_m: float) -> Edit:
     """Give the model the forearm that was found, where that is left to the program."""
-    asked = document.run.leaves_forearm_open and document.run.arm_m != found_m
-    return decide(forearm=found_m) if asked else NOTHING
+    asked = document.run.leaves_forearm_open and document.run.arm_m != arm_m
+    return decide(forearm=arm_m) if asked else NOTHING

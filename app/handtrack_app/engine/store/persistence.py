@@ -48,7 +48,7 @@ from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.document import Document, TakeShelf, changed_elsewhere, correction_of
+from handtrack_app.engine.document import Document, TakeCache, changed_elsewhere, correction_of
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.snapshots import Download, Notice
 
@@ -65,7 +65,7 @@ class OpenTake:
     frames: range
     first: int
     """where tracking started: a pose set by hand there gives way to what is tracked"""
-    shelf: TakeFrames
+    take_frames: TakeFrames
     writer: TakeWriter | None
     """None: of a session that keeps nothing"""
     waiting: dict[int, FrameResult] = field(default_factory=dict)
@@ -74,19 +74,19 @@ class OpenTake:
     scale: HandScale | None = None
     """of the hand, where it is another than the document's"""
     is_shown: bool = False
-    is_told: bool = False
+    is_reported: bool = False
     """that frames cannot be written"""
 
     def keep(self, result: FrameResult) -> None:
         """Keep a frame, and those that could not be written before. Raises HandtrackError where they cannot now."""
-        self.shelf.put(result, None)
+        self.take_frames.put(result, None)
         if self.writer is not None:
             self.waiting[result.frame] = result
             self._write_waiting(self.writer)
 
     def _write_waiting(self, writer: TakeWriter) -> None:
         for waiting in list(self.waiting.values()):
-            self.shelf.put(waiting, writer.replace(waiting))
+            self.take_frames.put(waiting, writer.replace(waiting))
             del self.waiting[waiting.frame]
 
     def sync(self) -> None:
@@ -102,16 +102,16 @@ class OpenTake:
                 self.writer.finish()
 
 
-def brought_back(document: Document) -> str:
+def restored_message(document: Document) -> str:
     """Return the sentence; empty where there is nothing."""
     state = document.state
-    found = sum(document.decided_pose(frame).found for frame in document.by_hand)
+    result = sum(document.decided_pose(frame).found for frame in document.by_hand)
     parts = [
         f"{count} {one if count == 1 else many}"
         for count, one, many in (
             (len(document.results), "tracked frame", "tracked frames"),
-            (len(document.by_hand) - found, "pose set by hand", "poses set by hand"),
-            (found, "pose found", "poses found"),
+            (len(document.by_hand) - result, "pose set by hand", "poses set by hand"),
+            (result, "pose found", "poses found"),
             (
                 len(state.setting) + len(state.limits) + len(document.unsaved("clouds")),
                 "changed setting",
@@ -172,12 +172,12 @@ class Persistence:
         try:
             store = WritableStore(folder, PROGRAM, take_over)
         except (HandtrackError, OSError) as error:
-            told = str(error)
+            message = str(error)
             if isinstance(error, LeaseTaken):
-                told += " It is open read-only; nothing is saved."
+                message += " It is open read-only; nothing is saved."
             elif isinstance(error, OSError):
-                told = f"{folder}: {_UNWRITABLE} ({error.strerror})."
-            return cls(document, None, Store(folder).history(), told)
+                message = f"{folder}: {_UNWRITABLE} ({error.strerror})."
+            return cls(document, None, Store(folder).history(), message)
         for ours in (folder, folder.parent):
             remove_abandoned(ours)  # the lease is ours: nobody else writes there
         return cls(document, store, store.history(), " ".join(store.damage(takes=False)))
@@ -233,7 +233,7 @@ class Persistence:
         else:
             joins = follows and bool(self.history.past)
             self._take_action(self.history.next(words, changes, kind, joins))
-        self._settle(waits)
+        self._after_edit(waits)
         return True
 
     def undo(self, busy: bool = False) -> Action | None:
@@ -253,10 +253,10 @@ class Persistence:
         self.document.become(self.document.state.having(after))
         self._take_action(action)
         self.tag = ""
-        self._settle()
+        self._after_edit()
         return action
 
-    def _settle(self, waits: bool = False) -> None:
+    def _after_edit(self, waits: bool = False) -> None:
         """Leave to session.toml what it says, and write, or remember that an edit waits."""
         document = self.document
         if document.state.setting and not document.unsaved("setting"):
@@ -360,7 +360,7 @@ class Persistence:
         labels = (run if scale is None else run.with_scale(scale)).labels
         labels = replace(labels, refinement=None if shared is None else shared.text)
         settings = run.settings.flat()
-        shelf = TakeFrames(run.model.parameter_names, {}, labels.refinement, settings)
+        take_frames = TakeFrames(run.model.parameter_names, {}, labels.refinement, settings)
         about = TakeAbout(
             by=refined_by(PROGRAM) if is_refined else PROGRAM,
             begun=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -373,22 +373,22 @@ class Persistence:
         )
         writer = None if store is None else store.begin(about)
         number = document.takes.next_number if writer is None else writer.take.number
-        document.takes.put(number, shelf)
+        document.takes.put(number, take_frames)
         what = "Refining" if is_refined else "Tracking"
-        self._take = OpenTake(number, frames, first, shelf, writer, what=what, scale=scale)
+        self._take = OpenTake(number, frames, first, take_frames, writer, what=what, scale=scale)
 
     def add(self, result: FrameResult) -> None:
         """Keep a tracked frame, whatever happens to this program; half a second later at most it is on disk."""
         take = self._take
         if take is None:
             return  # it could not be begun, which was reported
-        if self.document.is_locked(result.frame) and result.frame not in take.shelf:
+        if self.document.is_locked(result.frame) and result.frame not in take.take_frames:
             return  # accepted while tracking ran
         try:
             take.keep(result)
         except HandtrackError:
-            if not take.is_told:
-                take.is_told = True
+            if not take.is_reported:
+                take.is_reported = True
                 raise
         finally:
             if not take.is_shown:
@@ -402,7 +402,7 @@ class Persistence:
         document, span = self.document, Span(take.number, take.frames.start, take.frames.stop)
         under = resolved(document.state.spans, document.takes.frames_of)
         laid = [decide(spans=(*under, span))]
-        given_way = {take.first} & take.shelf.keys()
+        given_way = {take.first} & take.take_frames.keys()
         given_way |= (
             document.keyframes(take.frames, is_led=True).keys() - document.accepted
         )  # solved again
@@ -419,7 +419,7 @@ class Persistence:
         """
         take, self._take = self._take, None
         self.document.takes.forget_cards()
-        if take is None or not take.shelf:
+        if take is None or not take.take_frames:
             return
         try:
             self.flush()
@@ -436,7 +436,7 @@ class Persistence:
         document = self.document
         if document.run.session.live is not None:
             return ""
-        document.takes = TakeShelf(self.folder / TRACKS_FOLDER, self._warn)
+        document.takes = TakeCache(self.folder / TRACKS_FOLDER, self._warn)
         session = document.run.session
         pins = {frame: session.pins.of(frame) for frame in session.pins.frames}
         state = readable(self.history.state, self._pass_over)
@@ -450,7 +450,7 @@ class Persistence:
         disk = self.store or Store(self.folder / TRACKS_FOLDER)
         for text in foreign_takes(disk, session, document.files_read()):
             self._warn(text)
-        return brought_back(document) if is_known else ""
+        return restored_message(document) if is_known else ""
 
     def _become(self, state: SessionState) -> None:
         """Let a state hold whole; where a part of it cannot be any more, the rest, and say which."""

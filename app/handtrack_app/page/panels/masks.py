@@ -57,7 +57,7 @@ class MaskPanel:
         self.note = gui.add_html("")
         self.on = page.check(
             "Show masks", page.state.display.masks, self._show_masks,
-            page.say("Green: {kind}. Hatched: unknown. Blue outline: corrected by you."),
+            page.phrase("Green: {kind}. Hatched: unknown. Blue outline: corrected by you."),
         )  # fmt: skip
         choices = (ALL, *names) if len(names) > 1 else names
         self.camera = page.choice("Camera", choices, lambda _: self._show_chosen())
@@ -153,7 +153,7 @@ class MaskPanel:
             }
             put(self.sheet, content=pictures(named), visible=True)
         self.wrong.content = escaped(masks.words)
-        self.correcting.say(masks.corrected)
+        self.correcting.show_corrections(masks.corrected)
 
 
 # ---- The mask methods and their settings
@@ -249,7 +249,7 @@ class CorrectingWidgets:
         self._painter: viser.ClientHandle | None = None
         self._strokes = count(1)
         self._stroke, self._last = 0, None
-        self.brushes = {page.say(words): brush for words, brush in _BRUSHES.items()}
+        self.brushes = {page.phrase(words): brush for words, brush in _BRUSHES.items()}
         gui = page.gui
         with gui.add_folder("Correct this frame"):
             self.words = gui.add_html("")
@@ -279,7 +279,7 @@ class CorrectingWidgets:
         """what X swaps with"""
         stage.stopped_painting = lambda: self._show_painting(None)
 
-    def say(self, corrected: dict[str, str]) -> None:
+    def show_corrections(self, corrected: dict[str, str]) -> None:
         """Say which cameras are corrected in the frame shown."""
         lines = "<br>".join(f"{html.escape(n)}: {html.escape(w)}" for n, w in corrected.items())
         put(self.words, content=text(lines))

@@ -43,11 +43,11 @@ def plot_data(curve: Curve, window: Window) -> dict[str, Floats[N]]:
     if len(curve.truth):
         lines["truth"] = curve.truth
     edges = window.columns()
-    found = {"frame": np.floor((edges[:-1] + edges[1:] - 1) / 2)}
+    results = {"frame": np.floor((edges[:-1] + edges[1:] - 1) / 2)}
     for name, values in lines.items():
         _, least, most = extremes(values / unit_of(curve.name), window)
-        found[name] = least if name == "low" else most
-    return found
+        results[name] = least if name == "low" else most
+    return results
 
 
 @dataclass
@@ -70,7 +70,7 @@ class PlotsPanel:
                 "For the part of the recording that the timeline shows. The ground truth "
                 "is plotted beside the track. Drag in a plot to zoom; double-click for all.",
             )  # fmt: skip
-            self.note = gui.add_html(text(page.say(_CHOOSE)))
+            self.note = gui.add_html(text(page.phrase(_CHOOSE)))
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer the groups of the model's parameters."""

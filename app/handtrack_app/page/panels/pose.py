@@ -27,11 +27,11 @@ from handtrack_app.page.pins.grips import Grips, near_joint_m
 from handtrack_app.protocol.palette import (
     ASIDE,
     FINGER_COLOURS,
-    FOUND,
     GHOSTS,
     LIMB_COLOURS,
     PINNED,
     REFITTED,
+    SEARCH_RESULT,
     STATUS,
     light_of,
 )
@@ -303,7 +303,7 @@ def _rows(groups: list[str]) -> list[tuple[str, ...]]:
 
 _ORIGINS = {
     "carried": ("not tracked yet", STATUS[-1][1]),
-    "found": FOUND,
+    "found": SEARCH_RESULT,
     "pinned": PINNED,
     "refitted": REFITTED,
     BEFORE: ASIDE,
@@ -314,13 +314,13 @@ _BEFORE_WORDS = line(
 )
 
 
-def score_rows(score: ScoreSnapshot, with_energy: bool) -> list[tuple[str, str]]:
+def score_rows(score: ScoreSnapshot, with_cost: bool) -> list[tuple[str, str]]:
     """Return energy and overlap by camera, each with how it differs from the pose that was fitted last."""
     fitted = score.fitted_overlap or {}
     rows = []
-    if score.energy and with_energy:
-        energy = sum(score.energy.values())
-        rows.append(("cost", f"{energy:.1f}{_change(energy, score.fitted_energy, 1)}"))
+    if score.energy and with_cost:
+        cost = sum(score.energy.values())
+        rows.append(("cost", f"{cost:.1f}{_change(cost, score.fitted_cost, 1)}"))
     if score.overlap:
         each = (f"{c}\u00a0{s:.2f}{_change(s, fitted.get(c), 2)}" for c, s in score.overlap.items())
         rows.append(("overlap", ", ".join(each)))
@@ -346,7 +346,7 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
     if math.isfinite(pose.energy):
         facts.append(("cost", f"{pose.energy:.1f}"))
     if score is not None:
-        facts += score_rows(score, with_energy=not math.isfinite(pose.energy))
+        facts += score_rows(score, with_cost=not math.isfinite(pose.energy))
     rows = "".join(row(name, value) for name, value in facts)
     if pose.origin == BEFORE:
         rows += _BEFORE_WORDS
@@ -491,7 +491,7 @@ class GuessesPanel:
         put(self.cancel, visible=searching)
         put(self.find, visible=self.possible and not busy)
         session = self.session
-        helps = session.kind == "hand" and IMAGES in session.seen and len(session.cameras) > 1
+        helps = session.kind == "hand" and IMAGES in session.observed and len(session.cameras) > 1
         put(self.fetch, visible=helps and not busy and not has_weights())
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -503,7 +503,7 @@ class GuessesPanel:
     @property
     def possible(self) -> bool:
         """Whether there is something to look at."""
-        return self.session.kind == "hand" or KEYPOINTS in self.session.seen
+        return self.session.kind == "hand" or KEYPOINTS in self.session.observed
 
 
 def _percent(share: float) -> str:

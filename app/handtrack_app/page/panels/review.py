@@ -87,32 +87,32 @@ class ReviewPanel:
     # ---- the queue
 
     @property
-    def stretches(self) -> tuple[ReviewInterval, ...]:
+    def intervals(self) -> tuple[ReviewInterval, ...]:
         """The queue."""
-        return self.strip.stretches
+        return self.strip.intervals
 
     @property
     def current(self) -> ReviewInterval | None:
         """The stretch that was gone to, as long as the frame shown lies in it."""
         frame = self.page.state.frame
-        if self.at is None or self.at >= len(self.stretches):
+        if self.at is None or self.at >= len(self.intervals):
             return None
-        stretch = self.stretches[self.at]
-        return stretch if stretch.first <= frame <= stretch.last else None
+        interval = self.intervals[self.at]
+        return interval if interval.first <= frame <= interval.last else None
 
     def step(self, by: int) -> None:
         """Go on in the queue, or back; after its end to its beginning."""
-        count = len(self.stretches)
+        count = len(self.intervals)
         if count:
             start = -1 if by > 0 else 0
             self.visit(((start if self.at is None else self.at) + by) % count)
 
     def visit(self, place: int) -> None:
         """Show the worst frame of a stretch."""
-        if 0 <= place < len(self.stretches):
+        if 0 <= place < len(self.intervals):
             self.at = place
             self.page.play(False)
-            self.page.go_to(self.stretches[place].worst)
+            self.page.go_to(self.intervals[place].worst)
             self._show()
             self.moved()
 
@@ -129,15 +129,15 @@ class ReviewPanel:
         """Accept the stretch, the frame shown, all that is not doubted, or, of none of these, the stretch or the frame. After a stretch
         comes the next.
         """
-        stretch, frame = self.current, self.page.state.frame
+        interval, frame = self.current, self.page.state.frame
         if what == "All confident":
             self.page.engine.accept(tuple(undoubted(self.strip)))
-        elif stretch is not None and what != "Frame":
-            self.page.engine.accept(((stretch.first, stretch.last),))
-            if len(self.stretches) > 1:
+        elif interval is not None and what != "Frame":
+            self.page.engine.accept(((interval.first, interval.last),))
+            if len(self.intervals) > 1:
                 # it leaves the queue: the one after it stands in its place
-                following = self.stretches[
-                    (self.stretches.index(stretch) + 1) % len(self.stretches)
+                following = self.intervals[
+                    (self.intervals.index(interval) + 1) % len(self.intervals)
                 ]
                 self.page.go_to(following.worst)
         else:
@@ -172,19 +172,19 @@ class ReviewPanel:
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Take the queue as it is now."""
-        if self.at is not None and strip.stretches != self.strip.stretches:
+        if self.at is not None and strip.intervals != self.strip.intervals:
             frame = self.page.state.frame
-            places = [n for n, s in enumerate(strip.stretches) if s.first <= frame <= s.last]
-            self.at = places[0] if places else min(self.at, max(len(strip.stretches) - 1, 0))
+            places = [n for n, s in enumerate(strip.intervals) if s.first <= frame <= s.last]
+            self.at = places[0] if places else min(self.at, max(len(strip.intervals) - 1, 0))
         self.strip = strip
-        self._met.update(dict.fromkeys((s.first, s.last) for s in strip.stretches))
+        self._met.update(dict.fromkeys((s.first, s.last) for s in strip.intervals))
         self._show()
 
     @property
     def done(self) -> int:
         """How many intervals of the queue were accepted."""
         accepted = self.strip.accepted
-        left = {(s.first, s.last) for s in self.stretches}
+        left = {(s.first, s.last) for s in self.intervals}
         return sum(accepted.issuperset(range(a, b + 1)) for a, b in self._met if (a, b) not in left)
 
     def show_frame(self) -> None:
@@ -198,26 +198,26 @@ class ReviewPanel:
         put(self.head, content=head_words(strip, self.at, self.done))
         self._show_cameras(strip)
         for button in (self.accept_next, self.go):
-            put(button, visible=bool(self.stretches))
+            put(button, visible=bool(self.intervals))
         put(self.accept, visible=tracked)
         put(self.release, visible=bool(strip.accepted))
         first = self._first_row
         for n, row in enumerate(self.rows):
             place = first + n
-            there = place < len(self.stretches)
+            there = place < len(self.intervals)
             if there:
-                stretch = self.stretches[place]
-                span, _, brief = str(stretch).partition(", ")
+                interval = self.intervals[place]
+                span, _, brief = str(interval).partition(", ")
                 here = "handtrack-here" if place == self.at else ""
-                shown = self._pictures.get(stretch.worst, "")
-                put(row, label=str(stretch), hint=stretch.words)
+                shown = self._pictures.get(interval.worst, "")
+                put(row, label=str(interval), hint=interval.words)
                 put(
                     self.cards[n],
                     content=card(span, (brief,), shown, f"handtrack-interval {here}"),
                 )
             put(self.cards[n], visible=there)
             put(row, visible=there)
-        left = len(self.stretches) - first - _ROWS
+        left = len(self.intervals) - first - _ROWS
         words = f"{first} before these, {left} after" if first else f"{left} more"
         put(self.more, content=text(words) if left > 0 or first else "")
         self.show_frame()
@@ -225,10 +225,10 @@ class ReviewPanel:
 
     def ask(self) -> None:
         """Ask for the pictures of the intervals listed, unless tracking goes on, which needs the time."""
-        listed = self.stretches[self._first_row : self._first_row + _ROWS]
+        listed = self.intervals[self._first_row : self._first_row + _ROWS]
         if listed != self._asked and not self.page.state.tracking:
             self._asked = listed
-            self.page.engine.want_close(tuple(stretch.worst for stretch in listed))
+            self.page.engine.want_close(tuple(interval.worst for interval in listed))
 
     def show_pictures(self, close: CloseSnapshot) -> None:
         """Show the pictures that came."""
@@ -259,13 +259,13 @@ def head_words(strip: TimelineSnapshot, at: int | None, done: int = 0) -> str:
             "Track some frames first. Intervals to check are listed here, the worst first.",
             faint=False,
         )
-    count, stretches = len(strip.status), len(strip.stretches)
-    total = stretches + done
+    count, intervals = len(strip.status), len(strip.intervals)
+    total = intervals + done
     share = done / total if total else 1.0
     place = (
-        "" if at is None or not stretches else f"Interval {min(done + at + 1, total)} of {total} · "
+        "" if at is None or not intervals else f"Interval {min(done + at + 1, total)} of {total} · "
     )
-    look = "<b>No frames of low confidence left.</b>" if not stretches else (
+    look = "<b>No frames of low confidence left.</b>" if not intervals else (
         f"<b>{place}{done} of {total} accepted</b>{bar(share)}"
         "Sorted by the expected number of wrong frames."
     )  # fmt: skip
@@ -274,13 +274,13 @@ def head_words(strip: TimelineSnapshot, at: int | None, done: int = 0) -> str:
     return text(look + locked, faint=False)
 
 
-def here_words(frame: int, accepted: bool, stretch: ReviewInterval | None) -> str:
+def here_words(frame: int, accepted: bool, interval: ReviewInterval | None) -> str:
     """Return what is to be said of the frame shown."""
     said = f"<b>Frame {frame}</b> is accepted, and locked. " if accepted else ""
-    if stretch is not None:
+    if interval is not None:
         said += (
-            f"<b>{str(stretch).partition(',')[0]}</b>: ≈ {stretch.expected:.0f} frames wrong; worst {stretch.worst}: "
-            f"{html.escape(stretch.words)}."
+            f"<b>{str(interval).partition(',')[0]}</b>: ≈ {interval.expected:.0f} frames wrong; worst {interval.worst}: "
+            f"{html.escape(interval.words)}."
         )
     return f"<div class='handtrack-queue'>{text(said, faint=False)}</div>"
 
@@ -321,7 +321,7 @@ class NextStep:
         session = self.tracking.session
         self.step = step = None
         if idle and not session.live:
-            self.step = step = self._of(strip, bool(session.seen))
+            self.step = step = self._of(strip, bool(session.observed))
         if step is not None:
             words, label, _ = step
             kind = "" if words else "handtrack-aside"
@@ -334,7 +334,7 @@ class NextStep:
         put(self.button, visible=step is not None)
 
     def _of(self, strip: TimelineSnapshot, has_views: bool) -> Step | None:
-        say, tracked = self.page.say, np.flatnonzero(strip.status >= 0)
+        phrase, tracked = self.page.phrase, np.flatnonzero(strip.status >= 0)
         if strip.hidden:
             take = max(span.take for span in strip.hidden)
             return (
@@ -347,14 +347,14 @@ class NextStep:
         if not strip.is_posed:
             if not self.guesses.possible:
                 return (
-                    say("No pose yet. Drag the {kind} onto its picture."),
+                    phrase("No pose yet. Drag the {kind} onto its picture."),
                     "Open a camera view",
                     self._look,
                 )
-            words = say("No pose yet. Detect the {kind}, or drag it onto its picture.")
-            return (words, say("Detect {kind}"), lambda _: self.guesses.search(anywhere=True))
+            words = phrase("No pose yet. Detect the {kind}, or drag it onto its picture.")
+            return (words, phrase("Detect {kind}"), lambda _: self.guesses.search(anywhere=True))
         if len(tracked) < 2:
-            words = say("The {kind} has a pose. Tracking carries it through all frames.")
+            words = phrase("The {kind} has a pose. Tracking carries it through all frames.")
             return (words, "Track all", lambda _: self.tracking.start("all"))
         last, stop = strip.start + int(tracked[-1]), strip.start + len(strip.status)
         if last + 1 < stop:
@@ -363,7 +363,7 @@ class NextStep:
                 f"Continue from frame {last + 1}",
                 lambda _: self.tracking.track(last, stop, last),
             )
-        count = len(self.review.stretches)
+        count = len(self.review.intervals)
         if count and self.review.at is None:
             return ("", f"Review {count} interval{'' if count == 1 else 's'}", self._review)
         return (

@@ -32,7 +32,7 @@ from handtrack_app.protocol.snapshots import (
 
 Box = tuple[int, int, int, int]
 """x, y, width, height [px]"""
-_SEEN_AS = {
+_OBSERVED_AS = {
     "silhouettes": SILHOUETTES, "cloud": CLOUD, "keypoints": KEYPOINTS, "edges": IMAGES, "intensity": IMAGES,
 }  # fmt: skip
 """groups of settings → what they weigh"""
@@ -141,7 +141,7 @@ class SettingsPanel:
     session: SessionSnapshot
     controls: dict[str, SettingWidget] = field(default_factory=dict)
     folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
-    told: dict[str, viser.GuiHtmlHandle] = field(default_factory=dict)
+    explanations: dict[str, viser.GuiHtmlHandle] = field(default_factory=dict)
     """by setting: a sentence on the value that holds"""
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -154,9 +154,9 @@ class SettingsPanel:
                 one.widget,
                 label=f"{one.known.label} •" if name in self.changed else one.known.label,
             )
-            if name in self.told:
-                words = html.escape(one.known.told.get(str(value), ""))
-                put(self.told[name], content=text(words))
+            if name in self.explanations:
+                words = html.escape(one.known.explanations.get(str(value), ""))
+                put(self.explanations[name], content=text(words))
         self._show_what_counts(session)
         self.shape.fit(session)
         changed = to_be_said(session.settings, session.own_settings) if self.changed else {}
@@ -189,11 +189,13 @@ class SettingsPanel:
             counting = False
             for setting in CONTROLS[title]:
                 if setting.name in self.controls:
-                    about = _SEEN_AS.get(setting.name.partition(".")[0])
-                    counts = about is None or about in session.seen or setting.name in self.changed
+                    about = _OBSERVED_AS.get(setting.name.partition(".")[0])
+                    counts = (
+                        about is None or about in session.observed or setting.name in self.changed
+                    )
                     put(self.controls[setting.name].widget, visible=counts)
-                    if setting.name in self.told:
-                        put(self.told[setting.name], visible=counts)
+                    if setting.name in self.explanations:
+                        put(self.explanations[setting.name], visible=counts)
                     counting |= counts
             put(folder, visible=counting)
 
@@ -213,8 +215,8 @@ class SettingsPanel:
         self.controls[setting.name] = SettingWidget(
             self.page, setting, lambda value: set_it(setting.name, value, setting.label)
         )
-        if setting.told:
-            self.told[setting.name] = self.page.gui.add_html("")
+        if setting.explanations:
+            self.explanations[setting.name] = self.page.gui.add_html("")
 
 
 def to_be_said(now: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
@@ -275,7 +277,7 @@ class ShapePanel:
     def fit(self, session: SessionSnapshot) -> None:
         """Show the shape in force."""
         self.session = session
-        put(self.size, visible=session.kind == "hand" or KEYPOINTS in session.seen)
+        put(self.size, visible=session.kind == "hand" or KEYPOINTS in session.observed)
         labels = tuple(row.label for row in session.shape)
         if tuple(self.chosen.options) != labels:
             self.chosen.options = labels

@@ -66,14 +66,14 @@ class TrackingPanel:
             )  # fmt: skip
             self.starters = [begin, here]
             self.later = page.check(
-                page.say("Fit the {kind}'s size later"), False, self._put_off,
+                page.phrase("Fit the {kind}'s size later"), False, self._put_off,
                 "Tracks first, then fits the size to the tracked frames, and tracks again with it.", visible=False,
             )  # fmt: skip
             if not session.live:
                 self._add_range(session, last)
             hint = "Show the newest images; posing the {kind} halts them." if session.live else "Show each frame as it is tracked."  # fmt: skip
             self.follow = page.check(
-                "Follow", True, self._follow, page.say(hint), visible=session.live
+                "Follow", True, self._follow, page.phrase(hint), visible=session.live
             )
             self.refine = page.button(
                 "Refine", page.engine.refine, "sparkles",
@@ -180,7 +180,7 @@ class TrackingPanel:
         put(self.later, visible=visible, value=self.session.settings.get(_SIZE) == "later")
 
     def _put_off(self, on: bool) -> None:
-        words = self.page.say(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
+        words = self.page.phrase(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
         self.page.engine.set_setting(_SIZE, "later" if on else "true", words)
 
     def _name_range(self) -> None:

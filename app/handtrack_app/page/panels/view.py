@@ -81,14 +81,14 @@ class SessionPanel:
                     "Camera view",
                     (FREE, *cameras, TOGETHER),
                     initial_value=FREE,
-                    hint=self.page.say(
+                    hint=self.page.phrase(
                         "See the {kind} over a camera's image, or all cameras' images of the {kind} side by side."
                     ),
                 )
                 ZoomKeys(page, self.stage.looking)
                 self.paint = gui.add_dropdown(
                     "Overlay", tuple(_PAINT_WORDS), initial_value="model's outline",
-                    hint=page.say(_PAINT_HINT),
+                    hint=page.phrase(_PAINT_HINT),
                 )  # fmt: skip
                 page.toggle("Cameras", "cameras", "Draw the cameras in the scene.")
                 page.toggle(
@@ -117,9 +117,9 @@ class SessionPanel:
         )
 
     def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
-        looks = [(f"Camera view: {name}", str(i), name) for i, name in enumerate(cameras[:9], 1)]
+        views = [(f"Camera view: {name}", str(i), name) for i, name in enumerate(cameras[:9], 1)]
         more = ("Orbit view", "0", None), ("See the {kind} in all cameras", "B", ALL)
-        for words, key, camera in (*looks, *more):
+        for words, key, camera in (*views, *more):
             self.page.key(words, key, partial(self._show_look, camera), by_page=True)
         self.page.key("Next overlay: outline, residual, …", "O", self._next_paint, by_page=True)
 
@@ -153,8 +153,8 @@ class SessionPanel:
     def _next_paint(self, client: viser.ClientHandle) -> None:
         """Take the next overlay."""
         now = self.page.state.look(client.client_id).paint
-        found = list(_PAINT_WORDS.values())
-        chosen = list(_PAINT_WORDS)[(found.index(now) + 1) % len(found)]
+        results = list(_PAINT_WORDS.values())
+        chosen = list(_PAINT_WORDS)[(results.index(now) + 1) % len(results)]
         internals.show_value(client, self.paint, chosen)
         self._paint(client, chosen)
 
@@ -312,21 +312,21 @@ class ZoomKeys:
 
     def __post_init__(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
-        views, say = self.looking.views, self.page.say
-        views.changed = self._say
+        views, phrase = self.looking.views, self.page.phrase
+        views.changed = self._notify
         acts: dict[str, Callable[[viser.ClientHandle], None]] = {}
         for label, key, words, act in (
-            (say("{Kind}"), "C", "View: the {kind}, and back into the camera", views.to_hand),
+            (phrase("{Kind}"), "C", "View: the {kind}, and back into the camera", views.to_hand),
             ("In", "Z", "View: nearer", lambda client: views.zoom_by(client, _STEP)),
             ("Out", "X", "View: wider", lambda client: views.zoom_by(client, 1 / _STEP)),
             ("All", "V", "View: the whole image", views.fit),
         ):
             self.page.key(words, key, act, by_page=True)
             acts[label] = act
-        buttons = self.page.gui.add_button_group("Zoom", tuple(acts), hint=say(_HINT))
+        buttons = self.page.gui.add_button_group("Zoom", tuple(acts), hint=phrase(_HINT))
         self.page.own(buttons, lambda client, what: acts[what](client))
 
-    def _say(self, client: viser.ClientHandle, view: Through | None) -> None:
+    def _notify(self, client: viser.ClientHandle, view: Through | None) -> None:
         line = self._lines.get(client.client_id)
         if view is None:
             self._lines.pop(client.client_id, None)
@@ -336,7 +336,7 @@ class ZoomKeys:
         self._lines = self.page.present(self._lines)
         if line is None:
             line = self._lines[client.client_id] = client.gui.add_html("", order=0.5)
-        put(line, content=self.page.say(view_words(view)))
+        put(line, content=self.page.phrase(view_words(view)))
 
 
 def view_words(view: Through) -> str:

@@ -89,7 +89,7 @@ class Looking:
         """Let a page look through a camera, or at what `ALL` see; None: freely, from wherever it is."""
         state, number = self._page.state, client.client_id
         with state.lock:
-            state.looks[number] = replace(state.look(number), through=camera)
+            state.views[number] = replace(state.look(number), through=camera)
         self._explain(number)
         card = self.card(number)
         for name in _IN_THE_WAY:
@@ -105,7 +105,7 @@ class Looking:
         """Paint something else over what a page sees through its camera."""
         state = self._page.state
         with state.lock:
-            state.looks[client] = replace(state.look(client), paint=paint)
+            state.views[client] = replace(state.look(client), paint=paint)
         self._explain(client)
 
     def _explain(self, number: int) -> None:
@@ -118,9 +118,9 @@ class Looking:
     def pictures(self, field: bool) -> tuple[Picture, ...]:
         """Return the pictures that the pages show. field: the model's field in place of what is painted else."""
         here = self._page.server.get_clients()
-        looks = [self._page.state.look(one) for one in here]
-        chosen = [_picture(look, field) for look in looks]
-        if any(look.through == ALL for look in looks):
+        views = [self._page.state.look(one) for one in here]
+        chosen = [_picture(look, field) for look in views]
+        if any(look.through == ALL for look in views):
             chosen += [(camera, CLOSE) for camera in self._cards]
         return tuple(dict.fromkeys(one for one in chosen if one is not None))
 
@@ -131,7 +131,7 @@ class Looking:
             self._screens = self._page.present(self._screens)
             state = self._page.state
             with state.lock:
-                state.looks = self._page.present(state.looks)
+                state.views = self._page.present(state.views)
             for number, client in here.items():
                 picture = _picture(state.look(number), field)
                 screen = self._screens.get(number)
@@ -157,7 +157,7 @@ class Looking:
         screen.image.remove_drag_callback()
         self._drags_turn(client, screen.image, "right")
 
-        def tell(through: Sequence[float], phase: str) -> None:
+        def report(through: Sequence[float], phase: str) -> None:
             eye = np.asarray(client.camera.position, dtype=float)
             at = _pixel(card, screen.depth[card.name], eye, np.asarray(through, dtype=float))
             if at is not None:
@@ -167,13 +167,13 @@ class Looking:
         @screen.image.on_drag("left")
         async def _(event: viser.SceneNodeDragEvent[viser.ImageHandle]) -> None:
             if event.phase == "start":
-                tell(event.start_position, "start")
-            tell(event.end_position, "update" if event.phase == "start" else event.phase)
+                report(event.start_position, "start")
+            report(event.end_position, "update" if event.phase == "start" else event.phase)
 
         @screen.image.on_click
         async def _(event: viser.SceneNodePointerEvent[viser.ImageHandle]) -> None:
             through = np.asarray(event.ray_origin) + np.asarray(event.ray_direction)
-            tell(tuple(through), "click")
+            report(tuple(through), "click")
 
         self._heard_image, self.heard = screen.image, client.client_id
 
@@ -283,7 +283,7 @@ _FREE_M = (0.01, 1e4)
 
 
 @dataclass(frozen=True)
-class _Told:
+class _SentView:
     """What a page was told to look at."""
 
     when: float
@@ -307,7 +307,7 @@ class Through:
     """the user walked out of the camera"""
     task: str = ""
     """what the user is to do in it, in words"""
-    told: deque[_Told] = field(default_factory=lambda: deque(maxlen=32))
+    sent: deque[_SentView] = field(default_factory=lambda: deque(maxlen=32))
 
     @property
     def eye(self) -> Eye:
@@ -432,7 +432,7 @@ class Views:
                 return
             away = float(np.linalg.norm(np.asarray(camera.position) - through.card.centre))
             if away > _LEFT_M:
-                if not through.left and time.monotonic() - through.told[-1].when > _SETTLED_S:
+                if not through.left and time.monotonic() - through.sent[-1].when > _SETTLED_S:
                     through.left = True
                     self.changed(client, through)
                 return
@@ -449,11 +449,11 @@ class Views:
     ) -> None:
         """Take what a page looks at: what it was told last, or what the user turned it to."""
         before = through.zoom, through.follows, through.left
-        told = [one for one in through.told if np.linalg.norm(way - one.way) < 1e-3 * near]
+        sent = [one for one in through.sent if np.linalg.norm(way - one.way) < 1e-3 * near]
         now = time.monotonic()
-        if told and told[-1] is through.told[-1]:
-            through.zoom, through.follows = told[-1].zoom, told[-1].follows
-        elif told and now - told[-1].when < _SETTLED_S:
+        if sent and sent[-1] is through.sent[-1]:
+            through.zoom, through.follows = sent[-1].zoom, sent[-1].follows
+        elif sent and now - sent[-1].when < _SETTLED_S:
             return  # of what it was told before; what it was told last is under way
         else:
             aim = ray_pixel(through.card, way)
@@ -470,10 +470,10 @@ class Views:
 
     def _stand(self, client: viser.ClientHandle, through: Through) -> None:
         """Put a page's eye where its view says."""
-        seen, centre = through.eye, through.card.centre
-        way = seen.rotation[:, 2] * _NEAR_M / through.zoom.times ** (1 / _NOTCHES)
-        through.told.append(_Told(time.monotonic(), way, through.zoom, through.follows))
-        view = Viewpoint(centre, centre + way, -seen.rotation[:, 1], seen.fov)
+        observed, centre = through.eye, through.card.centre
+        way = observed.rotation[:, 2] * _NEAR_M / through.zoom.times ** (1 / _NOTCHES)
+        through.sent.append(_SentView(time.monotonic(), way, through.zoom, through.follows))
+        view = Viewpoint(centre, centre + way, -observed.rotation[:, 1], observed.fov)
         look_from(client, view, (_NEAR_M / MOST ** (1 / _NOTCHES), _NEAR_M))
         self.changed(client, through)
 
@@ -487,10 +487,10 @@ class Views:
         if box is None:
             return True
         x, y, width, height = box
-        looks = through.eye
+        views = through.eye
         for corner in ((x, y), (x + width, y + height)):
             inside = np.clip(corner, 0.0, np.array(through.card.size) - 1.0)
-            place = looks.place(through.card.rays(inside))
+            place = views.place(through.card.rays(inside))
             if place is None or not all(_INSIDE <= share <= 1 - _INSIDE for share in place):
                 return False
         return 0.5 < through.zoom.times / wanted.times < 2.0

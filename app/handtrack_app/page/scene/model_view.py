@@ -34,7 +34,7 @@ KEYPOINT_LINKS = np.array([pair for chain in _CHAINS for pair in pairwise(chain)
 class HandView:
     """Handles of one hand in the scene."""
 
-    flesh: viser.BatchedMeshHandle
+    ellipsoids: viser.BatchedMeshHandle
     bones: viser.BatchedMeshHandle
     joints: viser.BatchedMeshHandle
     truth_lines: viser.LineSegmentsHandle
@@ -47,7 +47,7 @@ class HandView:
     @property
     def nodes(self) -> tuple[viser.BatchedMeshHandle | viser.MeshHandle, ...]:
         """What is drawn of the hand itself."""
-        return self.flesh, self.bones, self.joints, *self.parts
+        return self.ellipsoids, self.bones, self.joints, *self.parts
 
 
 def add_hand(server: viser.ViserServer, session: SessionSnapshot) -> HandView:
@@ -66,7 +66,7 @@ def add_hand(server: viser.ViserServer, session: SessionSnapshot) -> HandView:
         more |= {"batched_colors": colour, "visible": False}
         return add_batch(scene, f"/hand/{node}", mesh, scales, **more)
 
-    flesh = batch(
+    ellipsoids = batch(
         "flesh", ball(20, 32), session.radii, colours_of(session.bone_names, session.ellipsoid_bone)
     )
     rods = batch("bones", rod(16), np.stack([across, session.bone_length, across], 1), colours)
@@ -86,15 +86,15 @@ def add_hand(server: viser.ViserServer, session: SessionSnapshot) -> HandView:
         for i, part in enumerate(session.parts)
     )  # fmt: skip
     part_bone = tuple(part.bone for part in session.parts)
-    return HandView(flesh, rods, joints, lines, points, session.bone_length, parts, part_bone)
+    return HandView(ellipsoids, rods, joints, lines, points, session.bone_length, parts, part_bone)
 
 
 def update_hand(view: HandView, pose: PoseSnapshot, display: Display) -> None:
     """Move what is shown of the hand to a pose. Only poses are sent, never meshes; what is hidden follows when it is shown."""
-    flesh = display.flesh or display.surface  # which it stands for while that is made
-    if flesh and not view.parts:
-        view.flesh.batched_positions = pose.centre.astype(np.float32)
-        view.flesh.batched_wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
+    ellipsoids = display.ellipsoids or display.surface  # which it stands for while that is made
+    if ellipsoids and not view.parts:
+        view.ellipsoids.batched_positions = pose.centre.astype(np.float32)
+        view.ellipsoids.batched_wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
     turns = quaternion_wxyz(pose.bone_rotation)
     if view.bones.visible:
         ends = pose.bone_position + pose.bone_rotation[:, :, 1] * view.bone_length[:, None]
@@ -103,7 +103,7 @@ def update_hand(view: HandView, pose: PoseSnapshot, display: Display) -> None:
         view.bones.batched_wxyzs = turns.astype(np.float32)
         view.joints.batched_positions = both
     for part, bone in zip(view.parts, view.part_bone, strict=True):
-        if flesh:
+        if ellipsoids:
             part.position, part.wxyz = pose.bone_position[bone], turns[bone]
 
 
@@ -126,14 +126,14 @@ def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
 
 def show_hand(view: HandView, display: Display, instead: bool) -> None:
     """Apply the display options to the hand. instead: the surface stands where the ellipsoids would."""
-    shown = display.flesh or (display.surface and not instead)
-    view.flesh.visible = shown and not view.parts
+    shown = display.ellipsoids or (display.surface and not instead)
+    view.ellipsoids.visible = shown and not view.parts
     for part in view.parts:
         put(part, visible=shown)
     view.bones.visible = view.joints.visible = display.skeleton
 
 
-def flesh_opacity(display: Display, inside: bool, over_image: bool) -> float | None:
+def ellipsoid_opacity(display: Display, inside: bool, over_image: bool) -> float | None:
     """Return how opaque flesh is: over a camera's image, and around what is inside it, it lets it be seen."""
     most = _OVER_IMAGE if over_image else 1.0
     if display.skeleton:

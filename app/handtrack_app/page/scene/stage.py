@@ -28,7 +28,7 @@ from handtrack_app.page.scene.model_view import (
     add_hand,
     add_surface,
     add_surroundings,
-    flesh_opacity,
+    ellipsoid_opacity,
     hand_balls,
     light,
     remove_hand,
@@ -114,7 +114,7 @@ class Stage:
             self.cloud.show(display, self.moments)
             self.cloud.colour(display)
             self.ghosts.show(display.ghosts, self.pose.frame)
-            self._show_flesh()
+            self._show_ellipsoids()
             self.cameras.show(display)
             self._show_handle()
             update_truth(self.hand, self.pose, display)
@@ -127,7 +127,7 @@ class Stage:
         display = self.page.state.display
         return bare(display) if self._marking or display.hidden else display
 
-    def _show_flesh(self) -> None:
+    def _show_ellipsoids(self) -> None:
         """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
         display, pose, state = self.display, self.pose, self.page.state
         still = not (state.playing or state.tracking)
@@ -144,8 +144,8 @@ class Stage:
         display = self.display
         points = self.cloud.points.visible and display.cloud_colour == "residual"
         inside = points or self.ghosts.bones.visible
-        opacity = flesh_opacity(display, inside, self.looking.anyone)
-        for node in (self.hand.flesh, *self.hand.parts, self.surface):
+        opacity = ellipsoid_opacity(display, inside, self.looking.anyone)
+        for node in (self.hand.ellipsoids, *self.hand.parts, self.surface):
             put(node, opacity=opacity)
 
     @property
@@ -181,7 +181,7 @@ class Stage:
             return
         self.pose = pose
         with self.page.server.atomic():
-            self._show_flesh()
+            self._show_ellipsoids()
             self.moments.show(pose.frame)
             update_truth(self.hand, pose, display)
             self.clear_late()
@@ -244,14 +244,14 @@ class Stage:
         with self.page.server.atomic():
             update_surface(self.surface, surface)
             self._surface_at = surface.frame, surface.version, self.session.model
-            self._show_flesh()
+            self._show_ellipsoids()
 
     def show_guesses(self, guesses: GuessesSnapshot) -> None:
         """Draw the poses that a frame may have."""
         with self.page.server.atomic():
             self.ghosts.update(guesses)
             self.ghosts.show(self.display.ghosts, self.pose.frame)
-            self._show_flesh()
+            self._show_ellipsoids()
         if guesses.is_new:
             self._turn_to(np.median(guesses.position[guesses.owner == 0], axis=0))
 
@@ -267,7 +267,7 @@ class Stage:
         with self.page.server.atomic():
             self.cloud.take(cloud, self.display)
             self.cloud.show(self.display, self.moments)
-            self._show_flesh()
+            self._show_ellipsoids()
 
     # ---- views
 

@@ -70,9 +70,9 @@ def _hides(view: Viewpoint, axes: Floats, frustum: Floats, hand: Floats, reach_m
     apex, *image = frustum
     middle = np.mean(image, axis=0)
     edges = [a + s * (b - a) for a in image for b in (apex, middle) for s in np.linspace(0, 1, 7)]
-    seen = np.array([hand, *edges]) - view.position
-    depth = -seen @ axes[2]
-    flat = seen @ axes[:2].T / np.maximum(depth, 1e-6)[:, None]
+    observed = np.array([hand, *edges]) - view.position
+    depth = -observed @ axes[2]
+    flat = observed @ axes[:2].T / np.maximum(depth, 1e-6)[:, None]
     near = np.linalg.norm(flat[1:] - flat[0], axis=1) < 0.9 * reach_m / depth[0]
     return bool(near.any())
 

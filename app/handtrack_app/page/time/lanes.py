@@ -14,7 +14,7 @@ import numpy as np
 from handtrack.arrays import Array, Floats, Ints, N, runs
 from handtrack_app.page.html import chip
 from handtrack_app.page.panels.pose import status_of
-from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
+from handtrack_app.protocol.palette import SEARCH_RESULT, STATUS, TERMS
 from handtrack_app.protocol.snapshots import (
     COST,
     ERROR,
@@ -109,11 +109,11 @@ def extremes(values: Array[N], window: Window) -> tuple[Floats[N], Floats[N], Fl
 LEFT, RIGHT = 172, 90  # [px] where viser's slider begins and ends: it lies over the lanes
 _CURVE, _STATUS, _LOW, _THIN, _TERM, _AXIS = 34, 14, 14, 14, 14, 18  # heights [px]
 _REST, _LEAST = 2, 82  # [px]: the panel's edge; what the transport beside the lanes needs
-_FOUND = 4  # beside Status: a search's pose, which no frame was tracked from
-_SHOWN_AS = {**STATUS, _FOUND: FOUND}
-_HEIGHTS = {-1: 3, 0: 7, _FOUND: 10, 3: 10, 1: 10, 2: 14}
+_SEARCH_RESULT = 4  # beside Status: a search's pose, which no frame was tracked from
+_SHOWN_AS = {**STATUS, _SEARCH_RESULT: SEARCH_RESULT}
+_HEIGHTS = {-1: 3, 0: 7, _SEARCH_RESULT: 10, 3: 10, 1: 10, 2: 14}
 """[px] by status, from what is drawn least to what is drawn above all"""
-_DOUBT, _ACCEPTED, _GAP, _CHANGED = "#d55e00", "#009e73", "#e69f00", "#56b4e9"
+_LOW_CONFIDENCE, _ACCEPTED, _GAP, _CHANGED = "#d55e00", "#009e73", "#e69f00", "#56b4e9"
 _TAKES = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2")
 _FULL_MM = 20.0  # a change that is drawn in full colour: more than a finger is thick
 
@@ -151,7 +151,7 @@ def _of_poses(strip: TimelineSnapshot) -> TimelineSnapshot:
         return strip
     status, lanes = strip.status.copy(), {name: row.copy() for name, row in strip.lanes.items()}
     status[rows] = 3
-    status[[f - strip.start for f in strip.found if f - strip.start in rows]] = _FOUND
+    status[[f - strip.start for f in strip.searched if f - strip.start in rows]] = _SEARCH_RESULT
     for name in lanes.keys() - {ERROR}:
         lanes[name][rows] = np.nan
     return replace(strip, status=status, lanes=lanes)
@@ -218,19 +218,19 @@ def _curve_lane(strip: TimelineSnapshot, window: Window) -> Lane:
     finite = values[np.isfinite(values)]
     top = f"max {_number(finite.max())}{unit}" if len(finite) else "nothing tracked"
     diamonds = [
-        _diamond(window.place(f), f in strip.found)
+        _diamond(window.place(f), f in strip.searched)
         for f in strip.by_hand
         if window.first <= f <= window.last
     ]
 
-    def say(value: float) -> str:
+    def formatted(value: float) -> str:
         return f"{_number(value)}{unit}" if math.isfinite(value) else ""
 
     return Lane(
         f"<span>{title}</span><span style='opacity:.7'>{top}</span>", _CURVE,
-        [_ground(_CURVE), *curve(values, window, _CURVE), *diamonds], _value_of(values, say),
+        [_ground(_CURVE), *curve(values, window, _CURVE), *diamonds], _value_of(values, formatted),
         "Where frames share a pixel, the largest value is shown. Diamonds are keyframes.",
-        lambda pose: say(pose.error_mm if unit else pose.energy),
+        lambda pose: formatted(pose.error_mm if unit else pose.energy),
     )  # fmt: skip
 
 
@@ -253,7 +253,7 @@ def _probability_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
     for a, b in runs(np.isfinite(high)):
         points = _points(place[a:b], _LOW - 1 - (_LOW - 3) * high[a:b])
         around = f"{place[a]:.1f},{_LOW} {points} {place[b - 1]:.1f},{_LOW}"
-        parts.append(f"<polygon points='{around}' fill='{_DOUBT}' opacity='.75'/>")
+        parts.append(f"<polygon points='{around}' fill='{_LOW_CONFIDENCE}' opacity='.75'/>")
     return Lane(
         "P(error &gt; 25 mm)", _LOW, parts, _value_of(values, lambda v: f"{100 * v:.0f} %"),
         "Probability that some joint's error exceeds 25 mm.",
@@ -285,8 +285,8 @@ def term_rows(strip: TimelineSnapshot) -> dict[str, Floats[N]]:
     tracked = int((strip.status >= 0).sum())
     parts = {n.removeprefix(TERM): v for n, v in strip.lanes.items() if n.startswith(TERM)}
     terms = {n: v for n, v in parts.items() if np.isfinite(v).sum() > min(tracked - 1, 1)}
-    seen = terms.keys() - {"priors"}
-    if len(seen) < 2 and not seen & {"cloud→model", "lines of sight"}:
+    observed = terms.keys() - {"priors"}
+    if len(observed) < 2 and not observed & {"cloud→model", "lines of sight"}:
         return {}
     return {name: terms[name] for name in dict.fromkeys((*TERMS, *terms)) if name in terms}
 
@@ -379,12 +379,12 @@ def bars(status: Ints[N], window: Window) -> list[str]:
     """
     badness = np.array([*_HEIGHTS])
     _, _, high = extremes(np.argsort(badness)[status + 1], window)  # status −1 comes first
-    found = []
+    results = []
     for code, x, width in _pieces(badness[np.nan_to_num(high).astype(int)], window):
         height = _HEIGHTS[code]
         fill = "fill='currentColor' opacity='.25'" if code == -1 else f"fill='{_SHOWN_AS[code][1]}'"
-        found.append(_block(x, width, fill, _STATUS - height, height))
-    return found
+        results.append(_block(x, width, fill, _STATUS - height, height))
+    return results
 
 
 def _blocks(shares: Array[N], window: Window, colour: str) -> list[str]:
@@ -428,15 +428,15 @@ def _ground(height: int) -> str:
     return f"<rect width='{WIDTH}' height='{height - 2}' fill='currentColor' opacity='.05'/>"
 
 
-def _diamond(x: float, found: bool) -> str:
-    y, colour = _CURVE - 10, (FOUND if found else STATUS[3])[1]
+def _diamond(x: float, result: bool) -> str:
+    y, colour = _CURVE - 10, (SEARCH_RESULT if result else STATUS[3])[1]
     return f"<path d='M{x:.1f} {y - 7} l5 7 l-5 7 l-5 -7 z' fill='{colour}'/>"
 
 
 def _legends(strip: TimelineSnapshot) -> str:
     shown = {code for code in STATUS if code >= 0 and (strip.status == code).any()}
-    shown |= {3} if len(strip.by_hand) > len(strip.found) else set()
-    marks = [STATUS[code] for code in sorted(shown)] + [FOUND] * bool(strip.found)
+    shown |= {3} if len(strip.by_hand) > len(strip.searched) else set()
+    marks = [STATUS[code] for code in sorted(shown)] + [SEARCH_RESULT] * bool(strip.searched)
     return "".join(
         f"<span style='margin-left:.9em'>{chip(colour)}{word}</span>" for word, colour in marks
     )

@@ -19,7 +19,7 @@ _MOST = 2000
 
 
 @dataclass(frozen=True)
-class FoundFiles:
+class InputFiles:
     """Videos by camera, and the calibration."""
 
     videos: dict[str, Path]
@@ -33,7 +33,7 @@ class FoundFiles:
     """the folder, where it is a Pose2Sim project: `new` finds videos and 2D joints in it"""
 
 
-def find_files(folder: Path, calibrations: Sequence[Path] = ()) -> FoundFiles:
+def find_files(folder: Path, calibrations: Sequence[Path] = ()) -> InputFiles:
     """Look into a folder, and the folders in it, for a recording. calibrations: if they lie elsewhere.
 
     Raises HandtrackError for what is no folder, has no video, and for a calibration that is none.
@@ -58,7 +58,7 @@ def find_files(folder: Path, calibrations: Sequence[Path] = ()) -> FoundFiles:
     cameras = () if given is None else given.cameras
     by_camera = _matched(videos, [camera.name for camera in cameras if camera.name is not None])
     unused = tuple(path for path in videos if path not in by_camera.values())
-    return FoundFiles(by_camera, tuple(calibrations), given, unused)
+    return InputFiles(by_camera, tuple(calibrations), given, unused)
 
 
 def _calibrated(files: Sequence[Path]) -> tuple[tuple[Path, ...], ImportedRig | None]:
@@ -77,21 +77,21 @@ def _calibrated(files: Sequence[Path]) -> tuple[tuple[Path, ...], ImportedRig | 
     return tuple(alone), next(iter(alone.values()), None)
 
 
-def _project(folder: Path, calibration: Path | None) -> FoundFiles:
+def _project(folder: Path, calibration: Path | None) -> InputFiles:
     project = read_pose2sim(folder, calibration)
     cameras = list(project.keypoints)
     given, _ = named(read_calibration([project.calibration]), cameras, str(project.calibration))
-    return FoundFiles(dict(project.videos), (project.calibration,), given, (), folder)
+    return InputFiles(dict(project.videos), (project.calibration,), given, (), folder)
 
 
 def _matched(videos: list[Path], names: list[str]) -> dict[str, Path]:
     """Return videos by camera: those whose names hold a camera's, else all by their own names, which `new` compares."""
-    found: dict[str, Path] = {}
+    results: dict[str, Path] = {}
     for name in sorted(names, key=len, reverse=True):  # cam10 before cam1
-        like = [p for p in videos if p not in found.values() and name.lower() in p.stem.lower()]
+        like = [p for p in videos if p not in results.values() and name.lower() in p.stem.lower()]
         like = like or [
-            p for p in videos if p not in found.values() and name.lower() == p.parent.name.lower()
+            p for p in videos if p not in results.values() and name.lower() == p.parent.name.lower()
         ]
         if len(like) == 1:
-            found[name] = like[0]
-    return {n: found[n] for n in names if n in found} or {path.stem: path for path in videos}
+            results[name] = like[0]
+    return {n: results[n] for n in names if n in results} or {path.stem: path for path in videos}
