@@ -17,9 +17,8 @@ import numpy as np
 from handtrack.observation.observation import Observation
 from handtrack.parallel import thread_count, workers
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
-from handtrack.tracking.frame.control import Control, Observe, Observer
+from handtrack.tracking.frame.control import Control, Observe, Observer, SearchReport
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.frame.search_report import SearchReport
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 

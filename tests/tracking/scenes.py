@@ -17,9 +17,9 @@ QUICK = {"tracker.escape": False, "tracker.recovery": False}
 
 
 class Told(list, Observer):
-    """Reports of searches."""
+    """Reports of searches, and what frames share."""
 
-    search = list.append  # type: ignore[assignment]
+    search = shared = list.append  # type: ignore[assignment]
 
 
 def posed(model, pose, turn=(0.0, 0.0, 0.0)):

@@ -17,7 +17,6 @@ from handtrack import (
 )
 from handtrack.model.pose_library import named_pose
 from handtrack.model.size import FOREARM_END
-from handtrack.session.run import Reporting
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.confidence import FrameConfidence
@@ -32,7 +31,7 @@ from handtrack.tracking.size.person import Subject
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
-from tests.tracking.scenes import QUICK, on_surface
+from tests.tracking.scenes import QUICK, Told, on_surface
 
 HAND, WHOLE = load_model(), load_model(forearm=True)
 UNSEARCHED = TrackerSettings().with_values(QUICK)
@@ -115,7 +114,7 @@ def test_an_arm_in_a_cloud_does_not_pull_a_hand_alone():
 def test_where_the_arm_ends_is_found_with_all_frames_of_a_known_person_too(forearm):
     """Masks end 10 mm further from the wrist than the model does: the hand slid back after them."""
     truth = load_model(scale=HandScale(proportions={FOREARM_END: 1.3}), forearm=forearm)
-    model, told = load_model(forearm=forearm), Reporting()
+    model, told = load_model(forearm=forearm), Told()
     joints = [
         posed(0.0, 0.0, 0.004 * f, pose) for f, pose in enumerate(["open", "curl", "fist"] * 2)
     ]
@@ -131,7 +130,7 @@ def test_where_the_arm_ends_is_found_with_all_frames_of_a_known_person_too(forea
         Recording(model, UNSEARCHED, lambda f, _: seen[f], Control(observer=told), subject=who),
         live,
     )
-    scale = Refinement.read(told.refinement).scale
+    scale = Refinement.read(told[0]).scale
     assert scale.proportions[FOREARM_END] == pytest.approx(1.3, abs=0.25)
     assert scale.overall == 1.0
     for pose, result in zip(joints, found, strict=True):

@@ -121,8 +121,7 @@ def test_fingers_are_shifted_to_both_sides_and_the_least_energy_wins():
     seen = Observation(0, 0.0, cloud=PointCloud(points))
     told = Told()
     tracker = Tracker(load_model(coupling="21"), settings("paper2004", **{"solver.iterations": 25}))
-    start = tracker.model.transform.solver_params(joint)
-    begun = TrackerState.beginning_at(start)
+    begun = TrackerState.beginning_at(tracker.model.transform.solver_params(joint))
     _, result = tracker.step(begun, seen, Control(observer=told))
     (report,) = told
     ((proposed, trials),) = report.rounds

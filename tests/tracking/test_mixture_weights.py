@@ -99,9 +99,10 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     monkeypatch.setattr(mixture_search, "JUMP_SHARE", share)
     chosen = settings(**{"mixture.draws": 4})
     told = Told()
-    component = Component(last, terms, 1.0)
     found, _ = searched(
-        NextHypotheses(HAND, chosen, [chain], look, Control(observer=told), [component])
+        NextHypotheses(
+            HAND, chosen, [chain], look, Control(observer=told), [Component(last, terms, 1.0)]
+        )
     )
     weights = {h.origin: h.weight for h in found}
     (report,) = told
@@ -179,10 +180,11 @@ def test_of_a_first_frame_costs_alone_decide():
     """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
     terms = frame(BALL, Wells((well(0.2, 1.0, 0.1), well(1.4, 2.0, 0.5), well(-1.5, 2.5, 0.1))))
     told = Told()
-    first = FirstHypotheses(
-        BALL, settings(), STIFF, NOTHING, Control(observer=told), terms, np.zeros(6)
+    found, parents = searched(
+        FirstHypotheses(
+            BALL, settings(), STIFF, NOTHING, Control(observer=told), terms, np.zeros(6)
+        )
     )
-    found, parents = searched(first)
     assert_allclose([h.params[FACING] for h in found], [0.2, 1.4, -1.5], atol=1e-3)
     weights = np.exp([-1.0, -2.0, -2.5])
     assert_allclose([h.weight for h in found], weights / weights.sum(), rtol=1e-3)

@@ -20,7 +20,6 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.flesh import model_mask
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.session.run import Reporting
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
 from handtrack.tracking.frame.control import Control
@@ -37,7 +36,7 @@ from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.cameras import pinhole
 from tests.derivatives import check_observation_term
-from tests.tracking.scenes import QUICK, on_surface
+from tests.tracking.scenes import QUICK, Told, on_surface
 
 HAND = load_model("hand26")
 BENT = np.array(["_mcp_flex" in n or "_pip_flex" in n for n in HAND.parameter_names])
@@ -80,12 +79,12 @@ def watched(cameras, points, **more):
 
 def refined(observe, poses, **more):
     """Return the live frames, those refined, and what is said that all share."""
-    tracker, told = Tracker(HAND), Reporting()
+    tracker, told = Tracker(HAND), Told()
     live = list(track_frames(tracker, observe, 0, poses[0], range(len(poses))))
     frames = refine(
         Recording(HAND, tracker.settings, observe, Control(observer=told), **more), live
     )
-    return live, frames, Refinement.read(told.refinement)
+    return live, frames, Refinement.read(told[0])
 
 
 def points_of(poses, hand=HAND):

@@ -38,8 +38,11 @@ class Path:
         if seen in self.due:
             while not self.gate.wait(0.001) and not control.should_stop():
                 pass
-            winner = seen if seen in self.finds else None
-            control.observer.search(SimpleNamespace(frame=seen, before=state, winner=winner))
+            control.observer.search(
+                SimpleNamespace(
+                    frame=seen, before=state, winner=seen if seen in self.finds else None
+                )
+            )
         after = state + seen + 1000 * (seen in self.finds)
         return after, self._result(seen, after)
 
@@ -49,7 +52,7 @@ class Path:
         )
 
 
-def poses(path, threads, monkeypatch, show=lambda _: None, **more):
+def poses(path, threads, monkeypatch, show=id, **more):
     monkeypatch.setenv("HANDTRACK_THREADS", str(threads))
     execution = SpeculativeExecution(path, lambda frame, _: frame, 0, Control(**more), show)
     return [(r.frame, r.parameters[0]) for _, r in execution.frames(range(COUNT))]

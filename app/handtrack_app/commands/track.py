@@ -34,9 +34,8 @@ from handtrack.session.track_session import (
     track_session,
 )
 from handtrack.tracking.frame.confidence import hand_words
-from handtrack.tracking.frame.control import Control, Observer
+from handtrack.tracking.frame.control import Control, Observer, SearchReport, explained
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
-from handtrack.tracking.frame.search_report import SearchReport, explained
 from handtrack_app.commands.terminal.output import (
     INTERRUPTED,
     Stop,

@@ -16,6 +16,7 @@ from handtrack.sampling.suppression import apart_joints
 from handtrack.solver.covariance import covariance
 from handtrack.solver.levenberg_marquardt import SolveSummary
 from handtrack.tracking.frame.constants import APART_MM
+from handtrack.tracking.frame.control import Tried
 from handtrack.tracking.frame.descent import by_keypoints_alone, stage_problem
 from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.motion_belief import (
@@ -24,7 +25,6 @@ from handtrack.tracking.frame.motion_belief import (
     unknown_speed,
 )
 from handtrack.tracking.frame.result import Alternative
-from handtrack.tracking.frame.search_report import Tried
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import agility
 from handtrack.tracking.hypotheses.mixture_search import (

@@ -16,10 +16,9 @@ import numpy as np
 from handtrack.arrays import D3, D21, Floats, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.parallel import in_parallel
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, SearchReport, Tried
 from handtrack.tracking.frame.frame_task import Solved
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.frame.search_report import SearchReport, Tried
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
 
 

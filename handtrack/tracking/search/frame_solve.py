@@ -19,12 +19,12 @@ from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.levenberg_marquardt import SolveSummary, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import DOUBTFUL_CLOUD
+from handtrack.tracking.frame.control import Tried
 from handtrack.tracking.frame.descent import LAST_GAIN, descend, stage_problem
 from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status
-from handtrack.tracking.frame.search_report import Tried
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement
 from handtrack.tracking.search.engine import Candidate, Search, report

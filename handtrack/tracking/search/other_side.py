@@ -10,8 +10,7 @@ import numpy as np
 from handtrack.arrays import Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
-from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.search_report import Tried
+from handtrack.tracking.frame.control import Control, Tried
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, report, run_rounds
 from handtrack.tracking.search.evidence.hand_shapes import (
