@@ -84,15 +84,15 @@ class _Cache(FunctionCache):
 @cache
 def _sources(function: FunctionType) -> str:
     """Return a hash of a function's file, and of what this has from others: compiled functions, numbers, the fields of tuples."""
-    told = [Path(function.__code__.co_filename).read_bytes()]
+    sources = [Path(function.__code__.co_filename).read_bytes()]
     for name, value in sorted(function.__globals__.items()):
         if isinstance(value, Dispatcher) and value.py_func.__module__ != function.__module__:
-            told.append(_sources(value.py_func).encode())
+            sources.append(_sources(value.py_func).encode())
         elif isinstance(value, int | float | str) and not name.startswith("__"):
-            told.append(f"{name} {value!r}".encode())
+            sources.append(f"{name} {value!r}".encode())
         elif isinstance(value, type) and hasattr(value, "_fields"):
-            told.append(f"{name} {value._fields}".encode())
-    return hashlib.sha256(b"\0".join(told)).hexdigest()
+            sources.append(f"{name} {value._fields}".encode())
+    return hashlib.sha256(b"\0".join(sources)).hexdigest()
 
 
 def compiled_with(**options: Any) -> Callable[[Any], Any]:

@@ -33,12 +33,12 @@ def ten_iterations_vs_blas() -> dict[str, Any]:
 
 def pixels_64x() -> dict[str, Any]:
     """Return by how much an iteration takes longer with 64 times the pixels."""
-    return _growth(False)
+    return _size_ratio(False)
 
 
 def pixels_64x_prepare() -> dict[str, Any]:
     """Return the same of preparing the masks."""
-    return _growth(True)
+    return _size_ratio(True)
 
 
 @alone
@@ -71,7 +71,7 @@ def _iterations(prepares: bool) -> dict[str, Any]:
 
 
 @alone
-def _growth(prepares: bool) -> dict[str, Any]:
+def _size_ratio(prepares: bool) -> dict[str, Any]:
     """Return the time with images 8 times as wide and high, the reference being that of 320 × 240.
 
     The band keeps its width in the world, so it is 8 times as many pixels, as in tracking; rows are as far apart as there.

@@ -74,20 +74,20 @@ def intervals_to_review(
     for frame in frames:
         if frame.status not in (Status.DOUBTFUL, Status.LOST) or frame.frame in done:
             continue
-        doubt = _doubt_of(frame)
-        run = open_runs.setdefault(doubt, [])
+        cause = _cause_of(frame)
+        run = open_runs.setdefault(cause, [])
         if run and frame.frame - run[-1].frame > _JOINED + 1:
             found.append(run)
-            run = open_runs[doubt] = []
+            run = open_runs[cause] = []
         run.append(frame)
-    looks = _in_one_look([*found, *open_runs.values()])
-    intervals = [_interval(run) for run in looks]
+    merged = _merged([*found, *open_runs.values()])
+    intervals = [_interval(run) for run in merged]
     return sorted(intervals, key=lambda interval: (-interval.expected, interval.first))
 
 
-def _in_one_look(runs: list[list[FrameHead]]) -> list[list[FrameHead]]:
+def _merged(runs: list[list[FrameHead]]) -> list[list[FrameHead]]:
     """Return runs with the short ones joined to the longest that lies beside each."""
-    looks: list[list[FrameHead]] = []
+    merged: list[list[FrameHead]] = []
     near: list[list[FrameHead]] = []  # that reach as far as where the next begins
     for run in sorted(runs, key=lambda run: run[0].frame):
         near = [look for look in near if run[0].frame - look[-1].frame <= _JOINED + 1]
@@ -98,10 +98,12 @@ def _in_one_look(runs: list[list[FrameHead]]) -> list[list[FrameHead]]:
         else:
             for short in [look for look in near if _is_short(look)]:
                 joined = sorted([*short, *joined], key=lambda frame: frame.frame)
-                looks, near = ([one for one in kept if one is not short] for kept in (looks, near))
-            looks.append(joined)
+                merged, near = (
+                    [one for one in kept if one is not short] for kept in (merged, near)
+                )
+            merged.append(joined)
             near.append(joined)
-    return looks
+    return merged
 
 
 def _length(run: list[FrameHead]) -> int:
@@ -112,7 +114,7 @@ def _is_short(run: list[FrameHead]) -> bool:
     return _length(run) <= _JOINED
 
 
-def _doubt_of(frame: FrameHead) -> str:
+def _cause_of(frame: FrameHead) -> str:
     """Return what frames of one interval have in common: a lost hand, a part, a camera, or the kind of doubt."""
     if frame.status == Status.LOST or frame.reason is None:
         return frame.status.name
@@ -131,7 +133,7 @@ def _interval(run: list[FrameHead]) -> ReviewInterval:
         brief, words = worst.reason.brief, worst.reason.words
     if worst.status == Status.LOST and worst.reason is not None:
         brief = f"lost: {brief}"
-    others = {_named(frame): None for frame in run if _doubt_of(frame) != _doubt_of(worst)}
+    others = {_named(frame): None for frame in run if _cause_of(frame) != _cause_of(worst)}
     if also := ", ".join(filter(None, others)):
         words = f"{words}; also {also}"
     expected = sum(failure_probability(frame) for frame in run)

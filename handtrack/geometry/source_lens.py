@@ -174,8 +174,8 @@ def _parts(low: float, high: float) -> list[tuple[float, float, float]]:
     """Return for each view where it looks, and its ends from there [rad]."""
     count = max(math.ceil((high - low) / WIDEST_RAD - 1e-6), 1)
     ends = np.linspace(low, high, count + 1)
-    looks = [0.0] if count == 1 else (0.5 * (ends[:-1] + ends[1:])).tolist()
-    return [(at, ends[i] - at, ends[i + 1] - at) for i, at in enumerate(looks)]
+    angles = [0.0] if count == 1 else (0.5 * (ends[:-1] + ends[1:])).tolist()
+    return [(at, ends[i] - at, ends[i + 1] - at) for i, at in enumerate(angles)]
 
 
 def _view(

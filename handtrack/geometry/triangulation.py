@@ -30,10 +30,10 @@ def triangulated(
     least_angle
         Between two of the lines [rad].
     """
-    ways = np.stack([one.rays(seen) for one, seen in zip(cameras, pixels, strict=True)])
-    known = np.asarray(np.isfinite(ways).all(axis=2))
-    ways = np.where(known[..., None], ways, 0.0)
-    across = known[..., None, None] * np.eye(3) - ways[..., :, None] * ways[..., None, :]
+    rays = np.stack([one.rays(seen) for one, seen in zip(cameras, pixels, strict=True)])
+    known = np.asarray(np.isfinite(rays).all(axis=2))
+    rays = np.where(known[..., None], rays, 0.0)
+    across = known[..., None, None] * np.eye(3) - rays[..., :, None] * rays[..., None, :]
     centres = np.stack([camera.centre for camera in cameras])
     # the smallest eigenvalue of two lines' matrix is 1 − cos of their angle
     narrow = np.linalg.eigvalsh(across.sum(axis=0))[:, 0] < 1.0 - np.cos(least_angle)

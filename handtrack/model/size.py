@@ -235,8 +235,8 @@ class SizeParameters:
         for joint in self.seen:
             side = "" if self._is_hand else next((s for s in _ACROSS if joint.startswith(s)), "")
             across = 1.0 if self._is_hand else _ACROSS.get(side, 0.0)
-            alike = found.setdefault(joint.removeprefix(side), {})
-            alike[joint] = np.array([across, 1.0, 1.0])
+            similar = found.setdefault(joint.removeprefix(side), {})
+            similar[joint] = np.array([across, 1.0, 1.0])
         return found
 
     @property

@@ -34,9 +34,9 @@ class ParameterTransform:
         """
         joint, leader, ratio = self.links
         weight = ratio if given is None else ratio * given[joint]
-        told = np.bincount(leader, weight * ratio, len(self.names))
+        weights = np.bincount(leader, weight * ratio, len(self.names))
         pull = np.bincount(leader, weight * joint_params[joint], len(self.names))
-        return pull / np.where(told > 0.0, told, 1.0)
+        return pull / np.where(weights > 0.0, weights, 1.0)
 
     def reduce_bounds(self, bounds: Floats[S, D2]) -> Floats[P, D2]:
         """Return bounds that keep all joint parameters within `bounds`.

@@ -47,8 +47,8 @@ def weighed(silhouettes: Sequence[Silhouette]) -> tuple[Silhouette, ...]:
         return tuple(silhouettes)
     off = outline_errors_px(silhouettes)
     return tuple(
-        replace(s, off_px=float(px)) if told else s
-        for s, px, told in zip(silhouettes, off, asked, strict=True)
+        replace(s, off_px=float(px)) if is_asked else s
+        for s, px, is_asked in zip(silhouettes, off, asked, strict=True)
     )
 
 
@@ -98,10 +98,10 @@ def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
     middles = np.array([middle for middle in met if np.isfinite(middle).all()])
     if not len(middles):  # they look along one line
         return 0.0
-    ways = camera.rays(one.pixels)
-    along = (middles - camera.centre) @ ways.T
+    rays = camera.rays(one.pixels)
+    along = (middles - camera.centre) @ rays.T
     steps = np.arange(-_REACH_M, _REACH_M + np.ptp(along, axis=0).max() + _STEP_M / 2, _STEP_M)
-    points = camera.centre + (along.min(axis=0)[:, None] + steps)[..., None] * ways[:, None]
+    points = camera.centre + (along.min(axis=0)[:, None] + steps)[..., None] * rays[:, None]
     possible = np.ones(points.shape[:2], bool)
     for other in others:
         covered, known, _ = other.seen.at(points[possible])

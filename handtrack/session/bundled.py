@@ -30,7 +30,7 @@ _TRACKED = "tracked.npz"
 
 def bundled_names() -> tuple[str, ...]:
     """Return the names of the bundled sessions."""
-    return tuple(sorted(file.parent.name for file in _shelf().glob(f"*/{SESSION_FILE}")))
+    return tuple(sorted(file.parent.name for file in _bundled_folder().glob(f"*/{SESSION_FILE}")))
 
 
 def bundled_session(name: str = _DEMO) -> Path:
@@ -42,8 +42,8 @@ def bundled_session(name: str = _DEMO) -> Path:
     """
     if name not in bundled_names():
         raise unknown_name("bundled session", name, bundled_names())
-    source = _shelf() / name
-    if _shelf() == _CHECKOUT:
+    source = _bundled_folder() / name
+    if _bundled_folder() == _CHECKOUT:
         return source
     return working_copy(source, name)
 
@@ -97,7 +97,7 @@ def _copying_to(target: Path) -> Iterator[None]:
         ) from None
 
 
-def _shelf() -> Path:
+def _bundled_folder() -> Path:
     return _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
 
 

@@ -28,7 +28,7 @@ from handtrack.session.sources.views import View
 
 LAYOUT = "mediapipe21"
 _WRITER = "handtrack detect"
-_LOOKS = 12  # frames of each camera that are asked for the side
+_SAMPLED = 12  # frames of each camera that are asked for the side
 
 
 @dataclass(frozen=True)
@@ -52,19 +52,19 @@ def observed_side(session: Session, detector: HandDetector) -> tuple[str, float,
 
     The mean of the networks' log-odds: what one image says wrongly, the next says again, so that they do not add up.
     """
-    frames = evenly_spread(session.frame_count, _LOOKS)
-    said, looks = list[float](), 0
+    frames = evenly_spread(session.frame_count, _SAMPLED)
+    said, count = list[float](), 0
     for view in session.views:
         for frame in frames:
             image = view.image(frame)
             if image is None:
                 continue
-            looks += 1
+            count += 1
             hands = [detector.hand(image, region) for region in detector.find(image, 1)]
             said += [log_odds(hand.right, "right") for hand in hands if hand is not None]
     mean = float(np.mean(said)) if said else 0.0
     confidence = 1 / (1 + np.exp(-abs(mean)))
-    return "right" if mean >= 0 else "left", float(confidence), len(said), looks
+    return "right" if mean >= 0 else "left", float(confidence), len(said), count
 
 
 def usable_detector(session: Session) -> HandDetector | None:

@@ -62,7 +62,7 @@ from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
 
 _WRIST = ("wrist_flex", "wrist_abd")  # freedoms that only a forearm shows
-_ARM_LOOKS = 8  # frames, evenly spread
+_ARM_FRAMES = 8  # frames, evenly spread
 _ARM_ERROR_M = 0.01  # by which a cuff's end is measured differently in one frame and another
 
 
@@ -174,13 +174,13 @@ class TrackingRun:
         """
         if sizes is None:
             sizes = self.session.hand_scale == "fit" and self.prior_person is None
-        say = on_progress or (lambda share, words, tracked=None: None)
+        report = on_progress or (lambda share, words, tracked=None: None)
         share, usual = 0.0, MOST_BY_JOINTS if self.sees_joints else MOST_FRAMES
         if tracked is None:
             tracked = posed_by_joints(self, frames or self.session.frame_range, should_stop)
             if not tracked:
                 share = TRACKED_SHARE
-                tracked = tracked_for_size(self, frames, should_stop, say)
+                tracked = tracked_for_size(self, frames, should_stop, report)
         tracked = list(tracked)
         run = self.with_arm_of(tracked)
         if run is not self:
@@ -192,7 +192,7 @@ class TrackingRun:
             tracked,
             most or usual,
             should_stop,
-            lambda done, words: say(share + (1 - share) * done, words),
+            lambda done, words: report(share + (1 - share) * done, words),
             sizes,
         )
         return run if scale is None else replace(run.with_scale(scale), is_sized=True)
@@ -206,7 +206,7 @@ class TrackingRun:
         done = [r for r in posed if r.status == Status.TRACKED] or posed
         if not self.leaves_forearm_open or not done or self.model.kind == "body":
             return self
-        spread = evenly_spread(len(done), _ARM_LOOKS)
+        spread = evenly_spread(len(done), _ARM_FRAMES)
         solver = self.model.transform.solver_params
         posed = ((solver(done[i].parameters), self.observation_of(done[i])) for i in spread)
         arm_m, before = forearm_in_view(self.model, posed), self.arm_m
@@ -438,7 +438,7 @@ def _seen(
         sigma = measured or settings.keypoints.detected_px
         points = tuple(p for view in session.views for p in view.keypoints(frame, sigma))
         seen = replace(seen, keypoints=points) if points else seen
-    return replace(seen, images=session.images(frame)) if settings.looks_at_images else seen
+    return replace(seen, images=session.images(frame)) if settings.uses_images else seen
 
 
 def _model(
@@ -517,8 +517,8 @@ def _of_this_recording(session: Session, settings: TrackerSettings, scale: HandS
     if not files or settings.keypoints.weight == 0:
         return scale
     own = "+".join(sorted({one.landmark_definition for one in files}))
-    alike = scale.landmark_definition in (own, UNNAMED_LANDMARKS)
-    if alike:
+    is_same = scale.landmark_definition in (own, UNNAMED_LANDMARKS)
+    if is_same:
         return replace(scale, landmark_definition=own)
     known = scale.covariance
     if known is not None:  # of an offset it names its joint and an axis

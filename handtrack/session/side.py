@@ -12,9 +12,9 @@ from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
-from handtrack.tracking.search.other_side import evidence_of_other_side
+from handtrack.tracking.search.other_side import other_side_log_odds
 
-_LOOKS = 4  # frames, evenly spread
+_SAMPLED = 4  # frames, evenly spread
 _DECISIVE = 5.0  # log-odds, 150 to 1; docs/contributing/testing.md
 
 
@@ -37,7 +37,7 @@ def wrong_side_warning(
     if model.kind != "hand" or not model.has_keypoints21 or not tracked:
         return ""
     frames = sorted(tracked)
-    rows = evenly_spread(len(frames), _LOOKS)
+    rows = evenly_spread(len(frames), _SAMPLED)
     other_side = "left" if model.side == "right" else "right"
     other = model_from_definition(
         model.definition, other_side, model.scale, model.has_forearm, model.name
@@ -51,7 +51,7 @@ def wrong_side_warning(
             used = settings.silhouettes.weight > 0, settings.cloud.weight > 0
             yield session.observation(frame, *used, near), params
 
-    odds = evidence_of_other_side(model, other, alone, looks(), control)
+    odds = other_side_log_odds(model, other, alone, looks(), control)
     if odds < _DECISIVE:
         return ""
     return (

@@ -17,7 +17,12 @@ from handtrack.tracking.frame.result import FrameResult, Status, Step, unconfirm
 from handtrack.tracking.speculative import SpeculativeExecution
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.evidence import MOSTLY_NEW, Evidence, Recording, new_share
+from handtrack.tracking.whole.likelihood import (
+    MOSTLY_NEW,
+    Recording,
+    RecordingLikelihood,
+    new_share,
+)
 from handtrack.tracking.whole.recording_estimate import refine, refine_near
 
 
@@ -51,7 +56,7 @@ def tracked_by_new_share(
     control: Control,
 ) -> Sequence[FrameResult]:
     """Return tracked frames, ascending: tracked again, counting joints less, where most of what one
-    camera's joints say of a frame was said before (`whole.evidence.new_share`).
+    camera's joints say of a frame was said before (`whole.likelihood.new_share`).
 
     The same where anything else was seen, there is one hypothesis, or it is stopped.
 
@@ -70,7 +75,7 @@ def tracked_by_new_share(
     poses = np.array([model.solver_params(r.parameters) for r in posed])
     frames = [result.frame for result in posed]
     around = dict(zip(frames, poses, strict=True))
-    share = new_share(Evidence(model, settings, observe, around, 1.0), frames, poses)
+    share = new_share(RecordingLikelihood(model, settings, observe, around, 1.0), frames, poses)
     if share > MOSTLY_NEW:
         return tracked
     traits = replace(settings.traits, new_share=share)
@@ -176,7 +181,7 @@ def track_frames(
 
 def _state_after(steps: Sequence[Step], tracker: Tracker, observe: Observe) -> TrackerState:
     """Return the state in which steps left the tracker; images that it looks back on are read again."""
-    if not tracker.settings.looks_at_images:
+    if not tracker.settings.uses_images:
         return TrackerState.after_steps(steps)
     first, *others = (step.result for step in steps)
     last = next((r for r in reversed(others) if r.status != Status.LOST), None)

@@ -24,7 +24,7 @@ from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.hypotheses.mixture import solve_mixture
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.lost_hand import with_hand_found
-from handtrack.tracking.search.policy import looks_everywhere
+from handtrack.tracking.search.policy import searches_everywhere
 from handtrack.tracking.size.person import Subject
 from handtrack.tracking.state import TrackerState
 
@@ -100,7 +100,7 @@ class Tracker:
         if state.start is not None:
             return self.model.bones(state.start)
         expected = self._expected(state, frame)
-        if expected is None or looks_everywhere(state.results):
+        if expected is None or searches_everywhere(state.results):
             return None
         return self.model.bones(self.model.solver_params(expected))
 
@@ -139,7 +139,7 @@ class Tracker:
             start = self.model.clipped(start)
         if expected is not None:
             expected[3:6] = closest_equivalent(expected[3:6], self.model.joint_params(start)[3:6])
-        texture = state.texture if self.settings.looks_at_images else None
+        texture = state.texture if self.settings.uses_images else None
         return FrameTask(
             self.model,
             self.settings,
@@ -165,7 +165,7 @@ class Tracker:
 
     def seen_with(self, observation: Observation, result: FrameResult) -> Before | None:
         """Return a frame's images together with the model as it was found in them; None where images are not looked at."""
-        if not self.settings.looks_at_images:
+        if not self.settings.uses_images:
             return None
         params = self.model.solver_params(result.parameters)
         return Before(observation, self.model.bones(params))

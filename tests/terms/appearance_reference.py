@@ -18,7 +18,7 @@ def edges_system(term, bones):
         likely = seen.strength * np.exp(-0.5 * off**2)
         here = term.clutter + likely.sum(axis=1)
         none = term.clutter + (0 if term.from_unexplained else seen.strength.sum(axis=1))
-        size = term.weight * outline.length_px / term.stretch_px
+        size = term.weight * outline.length_px / term.correlation_px
         across = np.einsum("nij,ni->nj", outline.camera.project_jacobian(points), outline.normal)
         twist = motion_row(points, across, bones.reference)
         count, most = likely.shape

@@ -15,7 +15,7 @@ from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.search.auto_start import auto_start
-from handtrack.tracking.search.other_side import evidence_of_other_side
+from handtrack.tracking.search.other_side import other_side_log_odds
 from tests.tracking.scenes import off_mm, on_surface, posed
 
 HANDS = [load_model(forearm=arm) for arm in (False, True)]
@@ -70,5 +70,5 @@ def test_c31_the_side_is_told_by_silhouettes(wrong):
     if wrong:
         pose[4] = np.pi
         hands.reverse()
-    odds = evidence_of_other_side(*hands, TrackerSettings(), [(seen, pose)])
+    odds = other_side_log_odds(*hands, TrackerSettings(), [(seen, pose)])
     assert odds > 3 if wrong else odds < -3

@@ -24,7 +24,7 @@ from handtrack.tracking.frame.depth_flips import mirrored_covariance
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.size.estimate import estimate_whole
-from handtrack.tracking.whole.evidence import Evidence, new_share
+from handtrack.tracking.whole.likelihood import RecordingLikelihood, new_share
 from handtrack.tracking.whole.trajectory_hypotheses import (
     TrajectoryHypothesis,
     trajectory_hypotheses,
@@ -120,14 +120,14 @@ def _evidence(poses, *cameras, off_px=np.zeros((4, 1, 2))):
         return replace(seen, frame=frame, time_s=frame / 25.0)
 
     settings = TrackerSettings().with_values({"prior.motion_sigma_deg": 5.0})
-    return Evidence(BODY, settings, observe, dict(zip(FRAMES, poses, strict=True)), 0.04)
+    return RecordingLikelihood(BODY, settings, observe, dict(zip(FRAMES, poses, strict=True)), 0.04)
 
 
 def _way(poses, *cameras):
-    evidence = _evidence(poses, *cameras)
-    found = estimate_whole(evidence, FRAMES, poses, sweeps=3)
+    likelihood = _evidence(poses, *cameras)
+    found = estimate_whole(likelihood, FRAMES, poses, sweeps=3)
     assert found is not None
-    return TrajectoryHypothesis(found, evidence, "followed")
+    return TrajectoryHypothesis(found, likelihood, "followed")
 
 
 def test_limbs_are_flipped_in_all_frames_alone_and_together():

@@ -28,7 +28,7 @@ from handtrack.tracking.frame.terms.forearm import forearm_in_view, forearm_leng
 from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.search.lost_finger import with_fingers_found
 from handtrack.tracking.size.person import Subject
-from handtrack.tracking.whole.evidence import Recording
+from handtrack.tracking.whole.likelihood import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
 from tests.tracking.scenes import QUICK, Told, on_surface

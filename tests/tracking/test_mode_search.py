@@ -17,7 +17,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.whole.alternatives import with_alternatives
-from handtrack.tracking.whole.evidence import Evidence, Recording
+from handtrack.tracking.whole.likelihood import Recording, RecordingLikelihood
 from handtrack.tracking.whole.mode_search import Minimum, ModeSearch, Trellis
 from handtrack.tracking.whole.recording_estimate import refine
 from tests.tracking.scenes import bent, off_mm, posed
@@ -107,8 +107,10 @@ def test_a_hand_thrown_away_while_one_camera_sees_it_comes_back(turning):
 
 @pytest.mark.parametrize(("seconds", "new", "share"), [(0.04, 1.0, 0.08), (1.0, 1.0, 1.0), (0.04, 0.05, 1.0)])  # fmt: skip
 def test_frames_that_show_one_pose_count_as_one_unless_that_is_known_already(seconds, new, share):
-    evidence = Evidence(HAND, TrackerSettings(), lambda *_: NOTHING, {}, seconds, new=new)
-    assert ModeSearch(evidence, [], np.zeros((1, 26)), Control()).share == pytest.approx(share)
+    likelihood = RecordingLikelihood(
+        HAND, TrackerSettings(), lambda *_: NOTHING, {}, seconds, new=new
+    )
+    assert ModeSearch(likelihood, [], np.zeros((1, 26)), Control()).share == pytest.approx(share)
 
 
 def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere():

@@ -31,7 +31,7 @@ from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange, Subject
 from handtrack.tracking.whole import recording_estimate
 from handtrack.tracking.whole.chosen_frames import fit_person
-from handtrack.tracking.whole.evidence import Recording
+from handtrack.tracking.whole.likelihood import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.cameras import pinhole
@@ -157,7 +157,7 @@ def test_masks_wider_than_the_hand_are_told_as_wide_as_they_are():
     live, _, found = refined(observe, POSES[:12])
     assert [one.wider_mm for one in found.cameras] == pytest.approx([3.0] * 3, abs=0.5)
     told = recording_estimate.bridge_gaps(Recording(HAND, TrackerSettings(), observe), live)
-    off = told.evidence.of(0).terms.outlines_off_px
+    off = told.likelihood.of(0).terms.outlines_off_px
     assert max(off) > 1.0, "outlines are off by more than the usual 1.5 mm"
 
 

@@ -11,17 +11,17 @@ from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.search.engine import Candidate
-from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
-from handtrack.tracking.search.evidence.hand_shapes import palm_middle, shape_of
-from handtrack.tracking.search.evidence.silhouette_evidence import (
-    silhouette_evidence,
-    visual_hull,
-)
 from handtrack.tracking.search.global_search import (
     GlobalObjective,
     finger_bends,
     narrow,
     wide,
+)
+from handtrack.tracking.search.scores.cloud_score import cloud_score
+from handtrack.tracking.search.scores.hand_shapes import palm_middle, shape_of
+from handtrack.tracking.search.scores.silhouette_score import (
+    silhouette_score,
+    visual_hull,
 )
 from handtrack.tracking.search.start_confidence import (
     BASIN_M,
@@ -129,7 +129,7 @@ def test_the_right_turn_and_place_score_best_in_a_cloud_and_none_where_nothing_i
     """The share of area that cloud and shape do not have in common, of half of the shape's points and of all of them."""
     own = (SHAPE.points - SHAPE.middle) @ TRUE_TURN.T
     whole, half = (
-        cloud_evidence(PLACES[0] + some, ()).scores(SHAPE, TURNS, PLACES)
+        cloud_score(PLACES[0] + some, ()).scores(SHAPE, TURNS, PLACES)
         for some in (own, own[own[:, 1] > np.median(own[:, 1])])
     )
     for found in (whole, half):
@@ -141,7 +141,7 @@ def test_the_right_turn_and_place_score_best_in_a_cloud_and_none_where_nothing_i
 
 
 def test_the_right_turn_and_place_score_best_in_silhouettes():
-    start = silhouette_evidence(SEEN)
+    start = silhouette_score(SEEN)
     found = start.scores(SHAPE, TURNS, PLACES)
     assert np.unravel_index(found.argmin(), found.shape) == (0, 0)
     assert found[0, 0] < 0.06

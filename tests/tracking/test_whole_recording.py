@@ -13,7 +13,7 @@ from handtrack.solver.block_banded import BlockBanded
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.sequence import track_frames, track_recording
 from handtrack.tracking.size.motion import Motion
-from handtrack.tracking.whole.evidence import Recording
+from handtrack.tracking.whole.likelihood import Recording
 from handtrack.tracking.whole.recording_estimate import _bridged, refine, refine_near
 from tests.tracking.test_shared_cameras import BENT, HAND, points_of
 

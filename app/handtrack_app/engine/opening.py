@@ -147,6 +147,6 @@ _NOTHING = (
 
 def nothing_observed(run: TrackingRun) -> str:
     """Return what to do about a session in which nothing is observed; empty where something is."""
-    if run.settings.looks_at_images or observed_kinds(run.session) - {IMAGES}:
+    if run.settings.uses_images or observed_kinds(run.session) - {IMAGES}:
         return ""
     return _NOTHING.format(kind=run.model.kind)

@@ -196,7 +196,7 @@ class _Painter:
         )
         images = tuple(run.session.images(frame))
         self._images = {view.camera.name: view.pixels[..., ::-1] for view in images}
-        if run.settings.looks_at_images:
+        if run.settings.uses_images:
             self._observation = replace(self._observation, images=images)
         cameras = [view.camera for view in (*self._observation.silhouettes, *images)]
         self._cameras = {c.name: c for c in cameras or run.session.rig.cameras}

@@ -119,8 +119,10 @@ def _oriented(gray: Bytes, grid: Floats) -> Floats | None:
     corner is nearest to the image's upper left is taken. None when no numbering fits the colours.
     """
     turned = [np.rot90(grid, k) for k in range(4)]
-    ways = [way for way in (*turned, *(way[:, ::-1] for way in turned)) if way.shape == grid.shape]
-    fitting = [way for way in ways if not _mirrored(way) and _black_first(gray, way)]
+    orientations = [
+        way for way in (*turned, *(way[:, ::-1] for way in turned)) if way.shape == grid.shape
+    ]
+    fitting = [way for way in orientations if not _mirrored(way) and _black_first(gray, way)]
     return min(fitting, key=lambda way: float(way[0, 0].sum()), default=None)
 
 

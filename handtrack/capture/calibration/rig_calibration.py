@@ -124,13 +124,13 @@ def calibrate_rig(
         "sigma_px": spread(refined.residuals),
         "cameras": reports,
         "pairs": pair_reports(rig, used, disagreement),
-        "warnings": [*_warnings(board, fits, refined), *chain(*map(_doubts, reports))],
-        "contradictions": [_told_apart(board, cameras, fits, pair) for pair in apart],
+        "warnings": [*_warnings(board, fits, refined), *chain(*map(_camera_warnings, reports))],
+        "contradictions": [_contradiction(board, cameras, fits, pair) for pair in apart],
     }
     return RigCalibration(rig, report, T_world_board, used, left)
 
 
-def _told_apart(
+def _contradiction(
     board: Board, cameras: Sequence[CameraViews], fits: Sequence[_LensFit], pair: tuple[str, str]
 ) -> str:
     """Return what to say of two cameras whose common views contradict one another."""
@@ -503,10 +503,10 @@ def _renumbered(
     for view in camera.shared:
         if view.frame in expected and len(turns) > 1:
             board_there = expected[view.frame]
-            ways = [poses[view.frame] @ turn for turn in turns]
+            orientations = [poses[view.frame] @ turn for turn in turns]
             distance = float(np.linalg.norm(board_there[:3, 3]))
-            best = int(_disagreements(board_there, np.stack(ways), distance).argmin())
-            poses[view.frame] = ways[best]
+            best = int(_disagreements(board_there, np.stack(orientations), distance).argmin())
+            poses[view.frame] = orientations[best]
             view = replace(view, ids=np.argsort(board.turns[best])[view.ids])
         views.append(view)
     return replace(camera, shared=tuple(views))
@@ -634,7 +634,7 @@ def _short(view: dict[str, Any]) -> str:
     return name if name and ", frame" not in name else f"frame {view['frame']}"
 
 
-def _doubts(camera: dict[str, Any]) -> list[str]:
+def _camera_warnings(camera: dict[str, Any]) -> list[str]:
     who = f"camera '{camera['name']}'"
     found = []
     if camera["rms_px"] > max(3 * camera["rms_alone_px"], 1.0):

@@ -19,7 +19,7 @@ from handtrack.geometry.lens import remap_source
 
 _T = TypeVar("_T")
 _BORDER_STEPS = 25  # points along each side of an image when its rectified place is looked for
-_MOST_GROWTH = 1.5  # of a rectified image over the real one
+_MOST_SCALE = 1.5  # of a rectified image over the real one
 _LEAST_BASELINE_M = 1e-4
 _LEAST_CROSSING_COS = 0.34  # 70 degrees: beyond that, two views have hardly a surface in common
 
@@ -184,7 +184,7 @@ def _span(camera: Camera, rotation: Floats, focal: float) -> Floats[D2, D2]:
 
 def _limited(low: float, high: float, real: int) -> tuple[float, float]:
     """Return the span, cut around its middle where it is much larger than the real image."""
-    most, middle = _MOST_GROWTH * real, (low + high) / 2
+    most, middle = _MOST_SCALE * real, (low + high) / 2
     low, high = np.floor(low), np.ceil(high)
     if high - low <= most:
         return float(low), float(high)

@@ -46,7 +46,7 @@ class FrameNotes:
         for frame, texts in met:
             for text in texts:
                 kinds.setdefault(re.sub(r"\d+", "", text), []).append((frame, text))
-        return tuple(_sentence(alike) for alike in kinds.values())
+        return tuple(_sentence(similar) for similar in kinds.values())
 
 
 def listed(frames: Sequence[int]) -> str:
@@ -56,9 +56,9 @@ def listed(frames: Sequence[int]) -> str:
     return shown + (f" and {len(runs) - _MOST_RUNS} more runs" if len(runs) > _MOST_RUNS else "")
 
 
-def _sentence(alike: Sequence[tuple[int, str]]) -> str:
+def _sentence(similar: Sequence[tuple[int, str]]) -> str:
     """Return the first text, and the frames of the others. alike: (frame, text), ascending."""
-    (_, text), others = alike[0], [frame for frame, _ in alike[1:]]
+    (_, text), others = similar[0], [frame for frame, _ in similar[1:]]
     if not others:
         return text
     return f"{text} The same in {len(others)} more frames: {listed(others)}."

@@ -148,7 +148,7 @@ def check_mosaic(mosaic: Array[*Axes], pattern: str) -> None:
         )
 
 
-def mosaic_doubts(mosaic: Array[H, W], pattern: str) -> tuple[str, ...]:
+def mosaic_warnings(mosaic: Array[H, W], pattern: str) -> tuple[str, ...]:
     """Return what speaks against a mosaic of this pattern, in plain sentences.
 
     The two green pixels of each 2 x 2 block resemble each other more than red and blue do; a grey image
@@ -252,14 +252,14 @@ class MosaicFiles(ImageFiles):
         super().__init__(paths, RAW, expected_size, where, in_order)
         self._pattern, self._method = pattern, method or METHODS[0]
         self._white = self._said_white = white_level
-        self._doubts: tuple[str, ...] = ()
+        self._mosaic_warnings: tuple[str, ...] = ()
         self._looked = False
         self._lock = threading.Lock()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         with self._lock:
-            return (*super().warnings, *self._doubts)
+            return (*super().warnings, *self._mosaic_warnings)
 
     def read(self, frame: int) -> Bytes[H, W, D3] | None:
         """Return the image of a frame, None where there is none. Raises HandtrackError for what is no mosaic."""
@@ -287,10 +287,10 @@ class MosaicFiles(ImageFiles):
                     continue
                 path = self.path(frame)
                 try:
-                    doubts = mosaic_doubts(mosaic, self._pattern)
+                    warnings = mosaic_warnings(mosaic, self._pattern)
                 except HandtrackError as error:
                     raise HandtrackError(f"{path}: {error}") from None
-                self._doubts = tuple(f"{path}: {text}" for text in doubts)
+                self._mosaic_warnings = tuple(f"{path}: {text}" for text in warnings)
                 if self._white is None:
                     self._white = max(float(np.percentile(mosaic, _WHITE_PERCENTILE)), 1.0)
                 return

@@ -21,7 +21,7 @@ _BINS = 48  # planes told apart
 _NOISE = 6.0  # grey levels: smaller changes are the sensor's
 _LEAST_OVERLAP = 10  # frames that both show
 _MOST_LATE = 12  # frames
-_LEAST_ALIKE = 0.3
+_LEAST_CORRELATION = 0.3
 _LEAST_APART_M = 1e-4
 _LEAST_GAIN = 0.1  # of the correlation over that of the frames as numbered, a frame away; less by the square where nearer
 _TENTHS = 10  # steps a frame
@@ -51,7 +51,7 @@ class TimeOffset:
     @property
     def agrees(self) -> bool:
         """Whether what moves in the camera agrees with the others' at all."""
-        return self.correlation >= _LEAST_ALIKE
+        return self.correlation >= _LEAST_CORRELATION
 
     @property
     def is_sure(self) -> bool:

@@ -303,7 +303,7 @@ Person = dict[int, BodyPoints]
 """one person's points by frame"""
 _FAR = 0.5  # of their height: nobody's joints move further from one frame to the next that has them
 _GONE = 30  # frames after which who comes back counts as somebody else, until pieces are joined
-_ALIKE = 1.5  # ratio of heights within which two pieces may be one person
+_SIMILAR = 1.5  # ratio of heights within which two pieces may be one person
 
 
 def people(frames: Mapping[int, Sequence[BodyPoints]]) -> list[Person]:
@@ -343,7 +343,7 @@ def _joined(pieces: list[Person]) -> list[Person]:
     for piece in pieces:
         for person in whole:
             ratio = _usual_height(person) / max(_usual_height(piece), 1.0)
-            if not person.keys() & piece.keys() and 1 / _ALIKE < ratio < _ALIKE:
+            if not person.keys() & piece.keys() and 1 / _SIMILAR < ratio < _SIMILAR:
                 person |= piece
                 break
         else:

@@ -19,7 +19,7 @@ from handtrack.files.toml_table import above, at_least
 
 UNKNOWN_LEVEL = 128
 """in masks of 8 bits: hand or background, nobody can tell"""
-_Look = tuple[Array, HandSeeds]
+_Sample = tuple[Array, HandSeeds]
 """a sampled frame's image, and where the hand is expected in it"""
 Seeds = Callable[[int], HandSeeds | None]
 """frame → where the hand is expected in its image"""
@@ -42,7 +42,7 @@ _ROUNDING = 4.0
 """variance of 8 bit levels by compression"""
 _ROUNDS = 3
 """of learning: by place alone, then by what was learned, too"""
-_TOLD_TWICE = 0.5
+_CUE_WEIGHT = 0.5
 """of the log-odds by colour and by change against the background, which look at the same pixel"""
 _BITS = 4
 """of each channel: 16 levels, as coarse as skin is even"""
@@ -72,29 +72,29 @@ class Seeded:
 
     def learned(self, source: FrameSource, seeds: Seeds, roi: Roi | None = None) -> SeededMasks:
         """Return what makes masks, after one look at sampled frames. Raises HandtrackError with fewer than 3 that show a hand."""
-        looks = list(_looks(source, seeds, self.samples))
-        if len(looks) < _LEAST_SAMPLES:
+        samples = list(_samples(source, seeds, self.samples))
+        if len(samples) < _LEAST_SAMPLES:
             raise HandtrackError(
                 f"{source.where}: mask method seeded learns from images in which the hand was found, at least "
-                f"{_LEAST_SAMPLES} of {self.samples}; found {len(looks)}. `handtrack detect SESSION --write` finds joints."
+                f"{_LEAST_SAMPLES} of {self.samples}; found {len(samples)}. `handtrack detect SESSION --write` finds joints."
             )
-        return SeededMasks(self, looks, roi)
+        return SeededMasks(self, samples, roi)
 
 
 class SeededMasks:
     """Masks of one camera's images. Safe to use from several threads."""
 
-    def __init__(self, method: Seeded, looks: list[_Look], roi: Roi | None) -> None:
+    def __init__(self, method: Seeded, samples: list[_Sample], roi: Roi | None) -> None:
         """Use `Seeded.learned`."""
         self._limit = float(np.log(method.sure / (1 - method.sure)))
         self._roi = roi
-        spread = np.mean([_colour(image) for image, _ in looks])
+        spread = np.mean([_colour(image) for image, _ in samples])
         self._grey = bool(spread < _COLOURED)
-        self._empty = _background(looks)
+        self._empty = _background(samples)
         self._by_change = self._other_log = self._hand_log = np.zeros(_BINS)
-        self._teach(looks, lambda part: part.prior)
+        self._teach(samples, lambda part: part.prior)
         for _ in range(_ROUNDS - 1):
-            self._teach(looks, self._log_odds)
+            self._teach(samples, self._log_odds)
 
     def mask(self, image: Bytes[H, W, D3], seeds: HandSeeds) -> Bytes[H, W]:
         """Return a mask uint8 of an image BGR: 255 hand, 0 background, UNKNOWN_LEVEL where neither is sure."""
@@ -114,30 +114,30 @@ class SeededMasks:
 
     def _log_odds(self, part: _Part) -> Floats:
         """Return log-odds of hand in a part, coarse."""
-        told = self._told(part, self._hand_log, self._other_log)
-        likely = 1 / (1 + np.exp(-(told + part.prior)))
+        log_odds = self._pixel_log_odds(part, self._hand_log, self._other_log)
+        likely = 1 / (1 + np.exp(-(log_odds + part.prior)))
         outside = part.before & ~part.core
         frame = counted(part.bins[part.core], likely[part.core])
         ring = counted(part.bins[outside], 1 - likely[outside])
-        told = self._told(
+        log_odds = self._pixel_log_odds(
             part,
             mixed(self._hand_log, log_likelihood(frame)),
             mixed(self._other_log, log_likelihood(ring)),
         )
         radius = max(round(_SMOOTH_M * part.px_per_m), 1)
-        return smoothed(told, part.guide(likely), radius) + part.prior
+        return smoothed(log_odds, part.guide(likely), radius) + part.prior
 
-    def _told(self, part: _Part, hand: Floats, other: Floats) -> Floats[H, W]:
+    def _pixel_log_odds(self, part: _Part, hand: Floats, other: Floats) -> Floats[H, W]:
         """Return log-odds by each pixel alone: its colour, and how it differs from the background."""
         odds = (hand - other)[part.bins]
         if part.change is not None:
             change = np.where(part.seen_empty, self._by_change[part.change], odds)
-            odds = _TOLD_TWICE * (odds + change)
+            odds = _CUE_WEIGHT * (odds + change)
         return odds.astype(np.float32)
 
-    def _teach(self, looks: list[_Look], log_odds: Callable[[_Part], Floats]) -> None:
+    def _teach(self, samples: list[_Sample], log_odds: Callable[[_Part], Floats]) -> None:
         hand, other, moved, stayed = np.zeros((4, _BINS))
-        for image, seeds in looks:
+        for image, seeds in samples:
             part = _Part(image, seeds, self._grey, self._empty)
             likely = 1 / (1 + np.exp(-log_odds(part)))
             for share, colours, changes in (
@@ -191,7 +191,7 @@ class _Part:
         return (values @ way.astype(np.float32)).reshape(self.bins.shape)
 
 
-def _looks(source: FrameSource, seeds: Seeds, count: int) -> Iterator[_Look]:
+def _samples(source: FrameSource, seeds: Seeds, count: int) -> Iterator[_Sample]:
     for frame in evenly_spread(len(source.frames), count):
         found = seeds(frame)
         image = source.read(frame) if found is not None else None
@@ -199,14 +199,14 @@ def _looks(source: FrameSource, seeds: Seeds, count: int) -> Iterator[_Look]:
             yield image, found
 
 
-def _background(looks: list[_Look]) -> tuple[Array, Array] | None:
+def _background(samples: list[_Sample]) -> tuple[Array, Array] | None:
     """Return the median image without the hand, small, int16, and where it is known (at least 3 frames without hand or arm)."""
-    height, width = looks[0][0].shape[:2]
+    height, width = samples[0][0].shape[:2]
     scale = min(1.0, _LONGEST_PX / max(height, width))
     size = max(round(scale * width), 2), max(round(scale * height), 2)
-    stack = np.empty((len(looks), size[1], size[0], 3), np.uint8)
-    free = np.empty((len(looks), size[1], size[0]), bool)
-    for i, (image, seeds) in enumerate(looks):
+    stack = np.empty((len(samples), size[1], size[0], 3), np.uint8)
+    free = np.empty((len(samples), size[1], size[0]), bool)
+    for i, (image, seeds) in enumerate(samples):
         taken = seeds.behind((height, width)).astype(np.float32)
         taken[seeds.part] = np.maximum(taken[seeds.part], seeds.log_odds > _AWAY)
         stack[i] = _reduced(image, size)

@@ -138,9 +138,9 @@ def _link(robot: Element, model: ArticulatedModel, bone: int) -> Element:
 
 def _weigh(link: Element, mass: float, centre: Floats[D3], inertia: Floats[D3, D3]) -> None:
     """Say what a link weighs [kg], where [m], and its inertia about that point [kg m²]."""
-    told = element(link, "inertial")
-    element(told, "origin", xyz=numbers(centre), rpy="0 0 0")
-    element(told, "mass", value=f"{mass:.6g}")
+    table = element(link, "inertial")
+    element(table, "origin", xyz=numbers(centre), rpy="0 0 0")
+    element(table, "mass", value=f"{mass:.6g}")
     rows, columns = np.triu_indices(3)
     named = {f"i{'xyz'[i]}{'xyz'[j]}": f"{inertia[i, j]:.6g}" for i, j in zip(rows, columns)}
-    element(told, "inertia", **named)
+    element(table, "inertia", **named)

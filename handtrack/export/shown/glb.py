@@ -178,13 +178,13 @@ class _Buffer:
         view |= {} if target is None else {"target": target}
         self.data += array.tobytes()
         self.data += bytes(-len(self.data) % 4)
-        told: dict[str, Any] = {"bufferView": len(self._views), "componentType": kind}
-        told |= {"count": len(array), "type": _KINDS[array.shape[1:]]}
+        table: dict[str, Any] = {"bufferView": len(self._views), "componentType": kind}
+        table |= {"count": len(array), "type": _KINDS[array.shape[1:]]}
         if bounds:
             rows = array.reshape(len(array), -1)
-            told |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+            table |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
         self._views.append(view)
-        self._accessors.append(told)
+        self._accessors.append(table)
         return len(self._accessors) - 1
 
     @property

@@ -15,7 +15,7 @@ from handtrack.files.atomic import replace_text
 from handtrack.tracking.frame.result import Status
 
 _COLOURS = {0: "#3fa34d", 1: "#f0a028", 2: "#dc3c3c", 3: "#2b7de0", 4: "#8a63d2"}
-_MOST_STRETCHES = 40  # a page that one reads: the longest come first
+_MOST_INTERVALS = 40  # a page that one reads: the longest come first
 _STYLE = """
 :root{color-scheme:light dark;--ink:#1c2430;--paper:#fff;--line:#d5dae1;--soft:#66707f}
 @media(prefers-color-scheme:dark){:root{--ink:#e7ebf0;--paper:#14181e;--line:#323a45;--soft:#98a3b3}}
@@ -38,7 +38,7 @@ def write(path: Path, table: ResultsTable) -> None:
         _lane(table),
         _counts(table),
         "<h2>Intervals with low confidence, or lost</h2>",
-        _stretches(table),
+        _intervals(table),
     ]
     if track.p_off_25mm is not None:
         parts += [
@@ -106,21 +106,21 @@ def _counts(table: ResultsTable) -> str:
     return f"<table><tr><th>status<th class=n>frames<th class=n>share{''.join(rows)}</table>"
 
 
-def _stretches(table: ResultsTable) -> str:
+def _intervals(table: ResultsTable) -> str:
     track = table.track
     bad = [*runs(track.status == Status.DOUBTFUL), *runs(track.status == Status.LOST)]
     if not bad:
         return "<p>None.</p>"
     bad.sort(key=lambda run: (run[0] - run[1], run[0]))
     rows = []
-    for first, end in bad[:_MOST_STRETCHES]:
+    for first, end in bad[:_MOST_INTERVALS]:
         state = Status(int(track.status[first])).words
         reasons = [] if track.reason is None else [str(t) for t in track.reason[first:end]]
         why = max(set(reasons), key=lambda text: (reasons.count(text), text), default="")
         rows.append(
             f"<tr><td class=n>{track.frame[first]}–{track.frame[end - 1]}<td class=n>{end - first}<td>{state}<td>{html.escape(why)}"
         )
-    more = len(bad) - _MOST_STRETCHES
+    more = len(bad) - _MOST_INTERVALS
     rest = f"<p class=soft>{more} shorter ones are not listed.</p>" if more > 0 else ""
     return f"<table><tr><th class=n>frames<th class=n>count<th>status<th>most frequent reason{''.join(rows)}</table>{rest}"
 

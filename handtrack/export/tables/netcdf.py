@@ -24,8 +24,8 @@ def write(path: Path, table: ResultsTable) -> None:
     from scipy.io import netcdf_file
 
     with replacing(path) as part, netcdf_file(part, "w", version=2) as file:
-        (coordinates, arrays, attributes), told = labelled(table.track), about(table)
-        words = {"axes": told["axes"], "description": json.dumps(told)}
+        (coordinates, arrays, attributes), entry = labelled(table.track), about(table)
+        words = {"axes": entry["axes"], "description": json.dumps(entry)}
         for name, value in {**attributes, **words}.items():
             setattr(file, name, (_ascii(value) or "-") if isinstance(value, str) else value)
         for name, values in coordinates.items():

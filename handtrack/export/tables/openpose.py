@@ -47,9 +47,9 @@ def write(path: Path, table: ResultsTable) -> None:
         {"frame": int(frame), "time_s": float(time_s), "people": those}
         for frame, time_s, those in zip(track.frame, track.time_s, people, strict=True)
     ]
-    told: dict[str, Any] = {"version": 1.3, "unit": "m", "names": list(names)}
-    told |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
-    replace_text(path, json.dumps(told) + "\n")
+    entry: dict[str, Any] = {"version": 1.3, "unit": "m", "names": list(names)}
+    entry |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
+    replace_text(path, json.dumps(entry) + "\n")
 
 
 def write_files(path: Path, table: ResultsTable) -> None:
@@ -62,9 +62,9 @@ def write_files(path: Path, table: ResultsTable) -> None:
     people, _ = _people(table)
     with replacing(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
         for frame, those in zip(table.track.frame, people, strict=True):
-            told = {"version": 1.3, "people": [{**blank, **person} for person in those]}
+            entry = {"version": 1.3, "people": [{**blank, **person} for person in those]}
             name = f"{path.stem}_{int(frame):012d}_keypoints.json"
-            archive.writestr(zipfile.ZipInfo(name), json.dumps(told))
+            archive.writestr(zipfile.ZipInfo(name), json.dumps(entry))
 
 
 def _people(table: ResultsTable) -> tuple[list[list[dict[str, Any]]], tuple[str, ...]]:
@@ -139,9 +139,9 @@ def write_mediapipe(path: Path, table: ResultsTable) -> None:
         if not body:
             frame["handedness"] = [] if lost else [[{"category_name": side, "score": 1.0}]]
         frames.append(frame)
-    told: dict[str, Any] = {"unit": "m", "names": list(names)}
-    told |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
-    replace_text(path, json.dumps(told) + "\n")
+    entry: dict[str, Any] = {"unit": "m", "names": list(names)}
+    entry |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
+    replace_text(path, json.dumps(entry) + "\n")
 
 
 # ---- `.pose` of pose-format, in which sign language research keeps skeletons: MediaPipe's points in space

@@ -91,9 +91,9 @@ class _Robot:
         hinges = [
             self._hinge(given, f"{name}_{k}" if k else name) for k, (_, given) in enumerate(joints)
         ]
-        looks = self._shapes(body, kind, own)
+        visuals = self._shapes(body, kind, own)
         label = hinges[0].name if hinges else ""
-        yield Link(name, parent, place + turn @ own - anchor, turn, hinges, looks, label)
+        yield Link(name, parent, place + turn @ own - anchor, turn, hinges, visuals, label)
         for site in body.findall("site"):
             given = self._given(site, kind)
             if site.get("name"):
@@ -131,12 +131,12 @@ class _Robot:
 
     def _shapes(self, body: _Element, kind: str, anchor: Floats[D3]) -> list[Shape]:
         """Return what a body looks like; what only touches counts where nothing is there to be looked at."""
-        looks, touches = list[Shape](), list[Shape]()
+        visuals, touches = list[Shape](), list[Shape]()
         for geom in body.findall("geom"):
             given = self._given(geom, kind)
             is_look = given.get("contype") == "0" and given.get("conaffinity") == "0"
-            (looks if is_look else touches).extend(self._shape(given, anchor))
-        return looks or touches
+            (visuals if is_look else touches).extend(self._shape(given, anchor))
+        return visuals or touches
 
     def _shape(self, given: _Given, anchor: Floats[D3]) -> list[Shape]:
         kind = given.get("type", "mesh" if "mesh" in given else "sphere")

@@ -53,19 +53,19 @@ def _link(
     name: str, body: _Element, joint: _Element | None, parent: str | None, path: Path
 ) -> Link:
     seen = body.findall("visual") or body.findall("collision")
-    looks = [shape for visual in seen for shape in _shapes(visual, path)]
+    visuals = [shape for visual in seen for shape in _shapes(visual, path)]
     if joint is None:
-        return Link(name, None, np.zeros(3), np.eye(3), (), looks)
+        return Link(name, None, np.zeros(3), np.eye(3), (), visuals)
     place, turn = _origin(joint, path)
     label, kind = _name(joint, path), joint.get("type", "")
     if kind == "fixed":
-        return Link(name, parent, place, turn, (), looks)
+        return Link(name, parent, place, turn, (), visuals)
     if kind not in _TURNING:
         raise HandtrackError(
             f"{path}: joint '{label}' is {kind or 'of no type'}; expected revolute, continuous or fixed: this program's joints "
             "turn."
         )
-    return Link(name, parent, place, turn, (_hinge(joint, label, kind, path),), looks, label)
+    return Link(name, parent, place, turn, (_hinge(joint, label, kind, path),), visuals, label)
 
 
 def _hinge(joint: _Element, label: str, kind: str, path: Path) -> Hinge:

@@ -20,12 +20,12 @@ from handtrack.tracking.frame.confidence import hand_words, odd_size
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.size.camera_consistency import CameraInconsistency, camera_inconsistencies
 
-_FEWEST, _LOOKS = 4, 8  # frames, evenly spread
+_FEWEST, _SAMPLED = 4, 8  # frames, evenly spread
 # log-likelihood, and share of what is left unexplained, that a camera's change must bring; measured on simulated scenes, and on
 # recordings of hands of other shape (docs/explanation/trajectory.md). A detector errs alike in all images of one view, which looks like a
 # turned camera: 0.14 on desk_two_view
 _LEAST_GAIN, _LEAST_SHARE, _LEAST_SHARE_OF_JOINTS = (12.0, 0.05, 0.2)
-_ALIKE = 0.7  # of the gain: another camera that would do as well
+_SIMILAR = 0.7  # of the gain: another camera that would do as well
 
 
 def check_tracked_from(session: Session) -> Iterator[Finding]:
@@ -59,7 +59,7 @@ def inconsistency_of_cameras(run: TrackingRun, results: Sequence[FrameResult]) -
     posed = sorted((r for r in results if r.status != Status.LOST), key=lambda r: r.frame)
     if len(posed) < _FEWEST or len(run.session.views) < 2:
         return ""
-    rows = evenly_spread(len(posed), _LOOKS)
+    rows = evenly_spread(len(posed), _SAMPLED)
     seen = [
         (run.observation_of(posed[row]), run.model.transform.solver_params(posed[row].parameters))
         for row in rows
@@ -74,7 +74,9 @@ def inconsistency_of_cameras(run: TrackingRun, results: Sequence[FrameResult]) -
 def _words(found: Sequence[CameraInconsistency], odd: str) -> str:
     worst = found[0]
     others = [
-        f"'{d.camera}'" for d in found[1:] if d.gain > _ALIKE * worst.gain and d.kind == worst.kind
+        f"'{d.camera}'"
+        for d in found[1:]
+        if d.gain > _SIMILAR * worst.gain and d.kind == worst.kind
     ]
     or_others = f" (or {' or '.join(others)})" if others else ""
     share = f"{100 * worst.share:.0f} % of what is left unexplained would go"

@@ -169,11 +169,11 @@ def _check_depth(view: View) -> Iterator[Finding]:
 
 def _check_masks(view: View) -> Iterator[Finding]:
     who = f"camera '{view.name}'"
-    looks = np.array(list(_looks(view))).reshape(-1, 5)
-    if not len(looks):
+    statistics = np.array(list(_statistics(view))).reshape(-1, 5)
+    if not len(statistics):
         yield error(f"{who}: no mask could be read or computed.")
         return
-    frames, (shares, touches, outside, second) = looks[:, 0].astype(int), looks[:, 1:].T
+    frames, (shares, touches, outside, second) = statistics[:, 0].astype(int), statistics[:, 1:].T
 
     def of(marked: Array[N]) -> list[int]:
         return frames[marked].tolist()
@@ -181,39 +181,39 @@ def _check_masks(view: View) -> Iterator[Finding]:
     empty, inverted = of(shares < _EMPTY_SHARE), of(shares > _INVERTED_SHARE)
     touching = of((touches > 0) & (shares <= _INVERTED_SHARE))
     cut, pieces = of(outside > _CUT_SHARE), of(second > _SECOND_PIECE)
-    if len(empty) == len(looks):
-        yield error(f"{who}: all masks looked at ({len(looks)}) are empty.")
+    if len(empty) == len(statistics):
+        yield error(f"{who}: all masks looked at ({len(statistics)}) are empty.")
     elif empty:
         yield warning(
-            f"{who}: {len(empty)} of {len(looks)} masks are empty, frames {listed(empty)}. An "
+            f"{who}: {len(empty)} of {len(statistics)} masks are empty, frames {listed(empty)}. An "
             "empty mask means that there is no hand in the image; delete the file if it was not segmented."
         )
     if inverted:
         yield warning(
-            f"{who}: in {len(inverted)} of {len(looks)} masks more than half of the image is "
+            f"{who}: in {len(inverted)} of {len(statistics)} masks more than half of the image is "
             f"hand, frames {listed(inverted)}. Are they inverted? Expected 0 background, 255 hand."
         )
     if touching:
         yield note(
-            f"{who}: in {len(touching)} of {len(looks)} masks the hand reaches the image's "
+            f"{who}: in {len(touching)} of {len(statistics)} masks the hand reaches the image's "
             f"border, frames {listed(touching)}: the arm is part of the mask, or the hand is cut "
             "off."
         )
     if cut:
         yield warning(
-            f"{who}: in {len(cut)} of {len(looks)} masks most of the hand lies outside of roi = "
+            f"{who}: in {len(cut)} of {len(statistics)} masks most of the hand lies outside of roi = "
             f"{list(view.settings.roi or ())}, frames {listed(cut)}, and is not observed.",
         )
     if pieces:
         yield warning(
-            f"{who}: {len(pieces)} of {len(looks)} masks have a second piece, more than {_SECOND_PIECE:.0%} as large as the "
+            f"{who}: {len(pieces)} of {len(statistics)} masks have a second piece, more than {_SECOND_PIECE:.0%} as large as the "
             f"first, frames {listed(pieces)}. Is it a face, or another arm? A roi = [x, y, w, h] leaves it out."
         )
     if not (empty or inverted or touching or cut or pieces):
-        yield ok(f"{who}: {len(looks)} masks looked at; none empty, inverted or cut off.")
+        yield ok(f"{who}: {len(statistics)} masks looked at; none empty, inverted or cut off.")
 
 
-def _looks(view: View) -> Iterator[tuple[float, ...]]:
+def _statistics(view: View) -> Iterator[tuple[float, ...]]:
     """Yield masks' frames, shares of the image that are hand, whether this reaches the border, its share outside of the region of
     interest, and the size of the second largest piece beside the largest.
     """

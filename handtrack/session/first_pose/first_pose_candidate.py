@@ -17,10 +17,10 @@ from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.engine import Candidate
-from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.global_search import GIVEN_JOINTS
 from handtrack.tracking.search.initialize import fit_keypoints
 from handtrack.tracking.search.keypoint_start import hands_from_images, in_space
+from handtrack.tracking.search.scores.hand_shapes import shape_of
 from handtrack.tracking.search.start_confidence import clustered_modes
 
 _TURNED_DEG = 30.0  # less than that is not worth a word

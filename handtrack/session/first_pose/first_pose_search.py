@@ -67,7 +67,7 @@ def find_first_poses(
         For a body without joints.
     """
     _check_that_it_can_be_found(run)
-    tell = on_progress or (lambda share, text: None)
+    report = on_progress or (lambda share, text: None)
     stop = should_stop or (lambda: False)
     searches = _MOST_TRIED + (not _is_size_known(run))
 
@@ -81,7 +81,7 @@ def find_first_poses(
         """Return the poses of this frame, looked for with a hand of that size, or the best so far if they are surer."""
 
         def report_here(share: float, text: str) -> None:
-            tell((step + share) / searches, f"frame {seen.frame}: {text}")
+            report((step + share) / searches, f"frame {seen.frame}: {text}")
 
         found = _found(run, scale, seen, stop, report_here)
         worse = not found or (best and found[0].confidence <= best[0].confidence)
@@ -97,7 +97,7 @@ def find_first_poses(
     if best_seen is not None and not is_over(best) and best[0].given is not None:
         # hands of another size are found where they are as large as that
         best = surer(best, best_seen, best[0].model.scale, _MOST_TRIED)
-    tell(1.0, "done")
+    report(1.0, "done")
     return best
 
 
@@ -209,7 +209,7 @@ def _found(
     scale: HandScale,
     seen: Observation,
     should_stop: Callable[[], bool] | None,
-    tell: Progress,
+    report: Progress,
 ) -> list[FirstPoseCandidate]:
     known = _is_size_known(run)
     sigma, resize = (KNOWN_SIZE_SIGMA, None) if known else (SIZE_SIGMA, run.resized)
@@ -221,7 +221,7 @@ def _found(
     if _is_by_joints_alone(run, seen):
         enough = _most_joints(seen) >= _FEWEST_IN_ONE
         return poses_by_joints(models[0], seen.frame, joints) if enough else []
-    found = auto_start(models, run.settings, seen, should_stop, tell, sigma, resize)
+    found = auto_start(models, run.settings, seen, should_stop, report, sigma, resize)
     if not found:
         return []
     rows = [FirstPoseCandidate.of(candidate, seen.frame) for candidate in found]

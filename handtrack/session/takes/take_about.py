@@ -148,17 +148,17 @@ def _changed(
 
 def _same_cameras(text: str, session: Session) -> bool:
     try:
-        return _alike(json.loads(text), json.loads(rig_json(session.rig)))
+        return _is_close(json.loads(text), json.loads(rig_json(session.rig)))
     except ValueError:
         return True  # of another version: nothing can be said
 
 
-def _alike(one: Any, other: Any) -> bool:
+def _is_close(one: Any, other: Any) -> bool:
     """Return whether two values of JSON are the same but for the rounding of numbers that were written and read."""
     if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
+        return one.keys() == other.keys() and all(_is_close(one[key], other[key]) for key in one)
     if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(_alike, one, other))
+        return len(one) == len(other) and all(map(_is_close, one, other))
     if isinstance(one, float | int) and isinstance(other, float | int):
         return isclose(one, other, rel_tol=1e-9, abs_tol=1e-9)
     return bool(one == other)

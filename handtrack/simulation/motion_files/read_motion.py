@@ -18,7 +18,7 @@ from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import LARGEST, MotionClip
 
 ACCEPTED = "BVH, AMC with its ASF, TRC, C3D, or a CSV with the columns frame and <joint>_x, _y, _z"
-_ALIKE = 1.55  # ratio to an adult's length: less than √2.54, half of what is between centimetres and inches
+_SIMILAR = 1.55  # ratio to an adult's length: less than √2.54, half of what is between centimetres and inches
 _AXES = ("x", "y", "z")
 
 
@@ -106,7 +106,7 @@ def in_metres(
         word: abs(np.log(length * unit / subject.usual_m)) for word, unit in LIKELY_UNITS_M.items()
     }
     word = min(off, key=off.__getitem__)
-    if off[word] > np.log(_ALIKE):
+    if off[word] > np.log(_SIMILAR):
         raise HandtrackError(
             f"{where}: its {kind} is {length:.4g} long, which is nobody in {', '.join(LIKELY_UNITS_M)}. Say how many metres one unit is with "
             f"--unit-m ({subject.usual_m / length:.3g} would make an adult). If joints are far apart, --positions may be wrong."

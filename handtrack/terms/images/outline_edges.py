@@ -160,7 +160,7 @@ class OutlineEdgesTerm(SurfaceTerm):
     seen: Sequence[ObservedEdges]
     """of each camera"""
     sigma_px: float
-    stretch_px: float = 10.0
+    correlation_px: float = 10.0
     """along how much of the outline an error stays the same"""
     clutter: float = 0.1
     """strength that an outline without any edge has"""
@@ -170,9 +170,9 @@ class OutlineEdgesTerm(SurfaceTerm):
     name: str = "edges"
 
     def __post_init__(self) -> None:
-        if not (self.sigma_px > 0 and self.stretch_px > 0 and self.clutter > 0):
+        if not (self.sigma_px > 0 and self.correlation_px > 0 and self.clutter > 0):
             raise HandtrackError(
-                f"{self.name}: sigma {self.sigma_px:g} px, stretch {self.stretch_px:g} px, clutter {self.clutter:g}; "
+                f"{self.name}: sigma {self.sigma_px:g} px, stretch {self.correlation_px:g} px, clutter {self.clutter:g}; "
                 "expected positive numbers."
             )
 
@@ -180,7 +180,7 @@ class OutlineEdgesTerm(SurfaceTerm):
         cost, spread = 0.0, (self.sigma_px, self.clutter, self.from_unexplained)
         for seen in self.seen:
             outline, camera = seen.outline, seen.outline.camera
-            weight = self.weight * outline.length_px / self.stretch_px
+            weight = self.weight * outline.length_px / self.correlation_px
             local = bones.on_flesh(outline.bone, outline.local)
             pieces = outline.bone, local, outline.pixel, outline.normal, weight
             pinhole = camera.matrix, camera.rotation, camera.translation

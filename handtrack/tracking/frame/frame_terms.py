@@ -214,9 +214,12 @@ class FrameTerms:
         """
         settings = self.settings.silhouettes
         scale = np.array(self.pixels_per_m) * _MM
-        sigma, stretch = settings.outline_sigma_mm * scale, settings.outline_correlation_mm * scale
+        sigma, correlation = (
+            settings.outline_sigma_mm * scale,
+            settings.outline_correlation_mm * scale,
+        )
         variance = sigma**2 + np.square(self.outlines_off_px)
-        return (settings.weight * 2 * band_px / (stretch * variance)).tolist()
+        return (settings.weight * 2 * band_px / (correlation * variance)).tolist()
 
 
 def frame_terms(

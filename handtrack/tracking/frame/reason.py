@@ -48,14 +48,14 @@ class Reason:
     @property
     def words(self) -> str:
         """The reason in a clause, without a full stop."""
-        return self._told(KINDS[self.kind][0])
+        return self._filled(KINDS[self.kind][0])
 
     @property
     def brief(self) -> str:
         """The reason in a few words and a number, for lists."""
-        return self._told(KINDS[self.kind][1])
+        return self._filled(KINDS[self.kind][1])
 
-    def _told(self, text: str) -> str:
+    def _filled(self, text: str) -> str:
         """Return one of the texts of KINDS with what it says in braces."""
         share, other_share = (f"{100 * value:.0f} %" for value in (self.number, self.other))
         held = f"; the palm alone is estimated ({self.part}), the fingers are held"

@@ -188,8 +188,8 @@ class FrameHead:
         """Whether the pose explains what was seen, be it much or little: nothing is gained by looking for another. It may be doubtful
         for all that: as the pose that tracking began with is, as nobody has such a hand, or as its joints may be elsewhere.
         """
-        doubts = ("start", "size", "open", "off", "far off")
-        return self.status == Status.TRACKED or self.reason_kind in doubts
+        kinds = ("start", "size", "open", "off", "far off")
+        return self.status == Status.TRACKED or self.reason_kind in kinds
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -425,7 +425,7 @@ class TrackerSettings:
     """the method's, where no setting says it"""
 
     @property
-    def looks_at_images(self) -> bool:
+    def uses_images(self) -> bool:
         """Whether a frame's images are needed, beside masks and clouds."""
         return self.edges.weight > 0 or self.intensity.weight > 0
 

@@ -13,13 +13,13 @@ from handtrack.terms.keypoints import KeypointTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, run_rounds
-from handtrack.tracking.search.evidence.hand_shapes import hand_shapes
 from handtrack.tracking.search.global_search import (
     FIRST_POSE,
     GIVEN_JOINTS,
     GlobalObjective,
     Resize,
 )
+from handtrack.tracking.search.scores.hand_shapes import hand_shapes
 from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     fit_quality,
@@ -56,10 +56,10 @@ def auto_start(
     found
         poses by joints in images, of which silhouettes and cloud decide instead of a search over `models`
     """
-    tell = on_progress or (lambda share, text: None)
+    report = on_progress or (lambda share, text: None)
     search = GIVEN_JOINTS if found else FIRST_POSE
     control = Control() if should_stop is None else Control(should_stop)
-    tell(0.0, "looking for the hand")
+    report(0.0, "looking for the hand")
     count = len(search.rounds)
     objective = GlobalObjective.of(seen, settings)
     if objective is None:
@@ -71,7 +71,7 @@ def auto_start(
         control=control,
     )
     done = run_rounds(
-        search, objective, found, lambda n, tried: tell(n / count, f"{tried} poses are tried")
+        search, objective, found, lambda n, tried: report(n / count, f"{tried} poses are tried")
     )
     return _compared(objective, done, size_sigma, search.most)
 

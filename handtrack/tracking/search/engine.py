@@ -19,7 +19,7 @@ from handtrack.parallel import in_parallel
 from handtrack.tracking.frame.control import Control, SearchReport, Tried
 from handtrack.tracking.frame.frame_task import Solved
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.search.evidence.hand_shapes import HandShape
+from handtrack.tracking.search.scores.hand_shapes import HandShape
 
 
 @array_dataclass

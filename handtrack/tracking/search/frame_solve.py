@@ -52,7 +52,7 @@ def solve_frame(task: FrameTask) -> Solved:
     params, terms = task.opened()
     if not terms.has_seen:
         return task.unseen()
-    if task.previous and task.previous[-1].poor_cloud and may_doubt(terms):
+    if task.previous and task.previous[-1].poor_cloud and may_distrust_depth(terms):
         doubted, is_poor = solve_doubted(task, terms, params)
         if is_poor:
             return doubted
@@ -114,7 +114,7 @@ def _refined(task: FrameTask, terms: FrameTerms, found: SolveSummary, problem: P
     return task.solved(terms, found, problem, exact)
 
 
-def may_doubt(terms: FrameTerms) -> bool:
+def may_distrust_depth(terms: FrameTerms) -> bool:
     """Return whether a cloud alone holds the hand, and something may be done about it where it is poor."""
     chosen = terms.settings
     if terms.cloud is None or terms.views != 1 or terms.keypoints or chosen.cloud.doubt_depth:
@@ -128,7 +128,7 @@ def poor_agreement(terms: FrameTerms, params: Floats[P], below: float) -> Agreem
     """Return what is wrong with a cloud that alone must hold the hand and agrees less than that with it at a pose;
     None where all is well.
     """
-    if terms.cloud is None or not may_doubt(terms):
+    if terms.cloud is None or not may_distrust_depth(terms):
         return None
     found = agreement(terms.cloud, terms.model.bones(params))
     # of a hand that was measured the depths are right, whatever else the cloud shows; nothing in view: nothing is wrong

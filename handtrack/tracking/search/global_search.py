@@ -31,19 +31,19 @@ from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
 from handtrack.tracking.search.engine import Candidate, Round, Search, each
-from handtrack.tracking.search.evidence.cloud_evidence import CloudEvidence, cloud_evidence
-from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle, shape_of
-from handtrack.tracking.search.evidence.silhouette_evidence import (
-    SilhouetteEvidence,
-    silhouette_evidence,
-)
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.policy import UNSEEN_EVERY
+from handtrack.tracking.search.scores.cloud_score import CloudScore, cloud_score
+from handtrack.tracking.search.scores.hand_shapes import HandShape, palm_middle, shape_of
+from handtrack.tracking.search.scores.silhouette_score import (
+    SilhouetteScore,
+    silhouette_score,
+)
 from handtrack.tracking.search.start_confidence import BASIN_M
 from handtrack.tracking.size.estimate import fit_size
 from handtrack.tracking.size.person import SIZE_BANDS_MM
 
-EvidenceSource = CloudEvidence | SilhouetteEvidence
+SearchScore = CloudScore | SilhouetteScore
 """what one kind of observation says about where a hand may be"""
 Resize = Callable[[ArticulatedModel, HandScale], ArticulatedModel]
 """makes the same hand in another size"""
@@ -70,7 +70,7 @@ _MOST_CAMERAS = 2  # along whose lines of sight fingers are flipped
 class GlobalObjective:
     """One frame's silhouettes and cloud; see engine.Objective."""
 
-    sources: Sequence[EvidenceSource]
+    sources: Sequence[SearchScore]
     seen: Observation
     settings: TrackerSettings
     shapes: Sequence[HandShape] = ()
@@ -86,13 +86,13 @@ class GlobalObjective:
     @classmethod
     def of(cls, seen: Observation, settings: TrackerSettings) -> GlobalObjective | None:
         """Return what a frame's cloud and silhouettes say, as far as settings use them; None where they say nothing."""
-        sources: list[EvidenceSource] = []
+        sources: list[SearchScore] = []
         if seen.cloud is not None and settings.cloud.weight > 0:
-            cloud = cloud_evidence(seen.cloud.points, seen.cloud_views, settings.tracker.seed)
+            cloud = cloud_score(seen.cloud.points, seen.cloud_views, settings.tracker.seed)
             if cloud is not None:
                 sources.append(cloud)
         if seen.silhouettes and settings.silhouettes.weight > 0:
-            outlines = silhouette_evidence(seen.silhouettes)
+            outlines = silhouette_score(seen.silhouettes)
             if outlines is not None:
                 sources.append(outlines)
         return cls(tuple(sources), seen, settings) if sources else None
@@ -113,8 +113,8 @@ class GlobalObjective:
         alone, a hand that is upside down leaves out the fingers that it does not explain, and one elsewhere the hand that is not there.
         """
         palms = np.array([palm_middle(c.model, c.params) for c in candidates])
-        alike = replace(self, palms=palms)
-        return [alike.measured(c) for c in candidates]
+        similarity = replace(self, palms=palms)
+        return [similarity.measured(c) for c in candidates]
 
     def narrow_problem(self, candidate: Candidate) -> Problem:
         """Return the problem around a pose by which finished ones are compared; of several sizes it favours none."""

@@ -37,7 +37,7 @@ _BODY_POSTURES: tuple[dict[str, float], ...] = (
 )
 """degrees that differ from a person's at ease, left and right: hanging, level and raised arms, seated; turned as the search turns them"""
 _ROBUST_SIGMAS = 4.0
-_ALIKE_RAD = 0.15
+_SIMILAR_RAD = 0.15
 _ROTATIONS = 300
 _NEAREST, _FARTHEST = 0.4, 100.0  # from a camera, in lengths of the hand or body
 _LEAST_ANGLE = np.deg2rad(2.0)  # between two lines of sight, for a point in space
@@ -111,7 +111,7 @@ class ImageJointObjective:
 
     def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
         params = np.array([c.params for c in candidates])
-        rows = distinct(params, np.array([c.cost for c in candidates]), _ALIKE_RAD)
+        rows = distinct(params, np.array([c.cost for c in candidates]), _SIMILAR_RAD)
         return [candidates[row] for row in rows[:most]]
 
 

@@ -12,13 +12,13 @@ from handtrack.tracking.frame.frame_task import FrameTask, Solved
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.engine import Candidate, improved
-from handtrack.tracking.search.evidence.hand_shapes import (
+from handtrack.tracking.search.global_search import LOST_HAND, GlobalObjective
+from handtrack.tracking.search.policy import why_hand_may_be_lost
+from handtrack.tracking.search.scores.hand_shapes import (
     hand_shapes,
     palm_middle,
     shape_of,
 )
-from handtrack.tracking.search.global_search import LOST_HAND, GlobalObjective
-from handtrack.tracking.search.policy import why_hand_may_be_lost
 
 # how far a palm may be from where it was, and how much further each frame
 _NEAR_M, _SPEED_M = (0.10, 0.03)

@@ -13,21 +13,21 @@ from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control, Tried
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, report, run_rounds
-from handtrack.tracking.search.evidence.hand_shapes import (
+from handtrack.tracking.search.global_search import OTHER_SIDE, GlobalObjective
+from handtrack.tracking.search.scores.hand_shapes import (
     hand_shapes,
     palm_middle,
     shape_of,
 )
-from handtrack.tracking.search.global_search import OTHER_SIDE, GlobalObjective
 
 _NEAR_M = 0.10  # how far the other hand's palm may be from this one's
 
 
-def evidence_of_other_side(
+def other_side_log_odds(
     model: ArticulatedModel,
     other: ArticulatedModel,
     settings: TrackerSettings,
-    looks: Iterable[tuple[Observation, Floats[P]]],
+    observations: Iterable[tuple[Observation, Floats[P]]],
     control: Control = Control(),
 ) -> float:
     """Return the log-odds that the hand is the other one; below 0, and looking ends, once this one
@@ -42,7 +42,7 @@ def evidence_of_other_side(
         What was seen of some frames, and this hand's pose there.
     """
     total = 0.0
-    for seen, params in looks:
+    for seen, params in observations:
         objective = GlobalObjective.of(seen, settings)
         if objective is None:
             continue

@@ -59,7 +59,7 @@ def why_hand_may_be_lost(result: FrameResult, previous: Sequence[FrameResult]) -
     return f"frame {row} of a series without a good fit: {result.note}" if due else ""
 
 
-def looks_everywhere(previous: Sequence[FrameResult]) -> bool:
+def searches_everywhere(previous: Sequence[FrameResult]) -> bool:
     """Return whether the next frame is one in which a lost hand is looked for everywhere; in others it is where it was, or nowhere."""
     row = 1 + len(list(takewhile(lambda r: not r.fits, reversed(previous))))
     lost = bool(previous) and previous[-1].status == Status.LOST

@@ -140,5 +140,5 @@ def fit_quality(
     return min(qualities, default=0.0)
 
 
-def _between(value: float, lost: float, doubtful: float) -> float:
-    return float(np.clip(0.5 * (value - lost) / max(doubtful - lost, 1e-9), 0.0, 1.0))
+def _between(value: float, lost: float, low: float) -> float:
+    return float(np.clip(0.5 * (value - lost) / max(low - lost, 1e-9), 0.0, 1.0))

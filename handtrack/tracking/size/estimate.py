@@ -66,7 +66,7 @@ class Shared:
             hessian,
         )
 
-    def alike(self, frames: float, posture: float) -> Floats[K]:
+    def frames_per_sample(self, frames: float, posture: float) -> Floats[K]:
         """Return of how many frames all together tell as much as one of each number: of where cameras are of all `frames`, of the
         person and of masks those with one posture. Of when a camera saw each frame tells anew: what flesh is off by, times a
         velocity, sums to its share of the way, and a hand that goes there and back takes it back.
@@ -207,7 +207,7 @@ class _Swept:
     model: ArticulatedModel
     poses: Floats[F, P]
     shared: Shared
-    alike: Floats[K]
+    frames_per_sample: Floats[K]
     """of how many frames all together tell as much as one, of what is shared"""
     systems: FrameSystems
 
@@ -227,15 +227,15 @@ class _Swept:
     @cached_property
     def known(self) -> JointSystem:
         """What is known beforehand of what they share."""
-        return self.shared.known(self.alike)
+        return self.shared.known(self.frames_per_sample)
 
 
 def estimate_whole(
-    evidence: Frames,
+    likelihood: Frames,
     frames: Sequence[int],
     poses: Floats[F, P],
     should_stop: Callable[[], bool] = lambda: False,
-    tell: Callable[[float], None] = lambda share: None,
+    report: Callable[[float], None] = lambda share: None,
     sweeps: int = _SWEEPS,
     at_most: float = np.inf,
 ) -> WholeEstimate | None:
@@ -257,25 +257,27 @@ def estimate_whole(
     sweeps
         At most.
     """
-    model = evidence.model
-    usual = motion = evidence.usual
-    times = _LOOSER[(usual is None) + evidence.wide]
+    model = likelihood.model
+    usual = motion = likelihood.usual
+    times = _LOOSER[(usual is None) + likelihood.wide]
     if usual is not None:
         motion = usual.estimated(poses, (), usual)
-    alike = evidence.shared.alike(len(frames), min(evidence.repeated, len(frames)))
+    frames_per_sample = likelihood.shared.frames_per_sample(
+        len(frames), min(likelihood.repeated, len(frames))
+    )
     damping, stiff, tighten = np.full(len(frames), _DAMPING), _DAMPING, _TIGHTEN
     length, gains = 1.0, list[float]()
     why, sweep = "sweeps", 0
 
     def swept(poses: Floats[F, P], ahead: FrameSystems | None = None) -> _Swept:
-        shared, speed = evidence.shared, velocities(poses)
+        shared, speed = likelihood.shared, velocities(poses)
         cameras, person = shared.cameras, shared.person
         views = [cameras.seen_poses(k, poses, speed) for k in range(len(cameras.cameras))]
         systems = FrameSystems.empty(*poses.shape, shared.count) if ahead is None else ahead
         stands = np.zeros(len(frames), bool) if ahead is None else ahead.extrapolated < _ENOUGH
 
         def linearized(n: int) -> tuple[float, JointSystem, Floats[P, P]]:
-            frame = evidence.of(frames[n])
+            frame = likelihood.of(frames[n])
             return frame.share, *frame.linearize(poses[n], views, n, person)
 
         # to and fro: of a long recording the frames that were read last are still in memory
@@ -286,8 +288,8 @@ def estimate_whole(
             some = order[first : first + _LINEARIZED]
             for n, system in zip(some, in_parallel(linearized, some), strict=True):
                 systems.put(n, *system)
-            tell((sweep + (first + len(some)) / len(order)) / (sweeps + 1))
-        return _Swept(model, poses, shared, alike, systems)
+            report((sweep + (first + len(some)) / len(order)) / (sweeps + 1))
+        return _Swept(model, poses, shared, frames_per_sample, systems)
 
     try:
         best = swept(_within(model, poses))
@@ -301,7 +303,7 @@ def estimate_whole(
             system, right = _system(best, motion, damping, shared_damping=stiff)
             step, change = system.solve(*right)
             expected_gain = 0.5 * (right[0] * step).sum(axis=1)
-            expected_gain += 0.5 * float((right[1] * change / alike).sum())
+            expected_gain += 0.5 * float((right[1] * change / frames_per_sample).sum())
             most, most_once = times * _ENOUGH, times * _ENOUGH_ONCE
             settled = expected_gain.mean() < most and expected_gain.max() < most_once
             step, change = length * step, length * change
@@ -311,7 +313,7 @@ def estimate_whole(
             if sweep == 1 and predicted.mean() >= at_most:
                 return None
             del system  # of a long recording as large as what all frames say
-            evidence = evidence.sharing(best.shared.stepped(change))
+            likelihood = likelihood.sharing(best.shared.stepped(change))
             found = swept(_within(model, moved(best.poses, step)), ahead)
             gain = best.cost(motion) - found.cost(motion)
             # where the parabola is lowest that has the cost's slope, and its gain at this step
@@ -337,14 +339,14 @@ def estimate_whole(
             )
             nearer = cameras.earlier(common).whole_frames()
             if nearer.ahead != cameras.ahead or (common and (ends or sweep == sweeps)):
-                evidence = evidence.sharing(best.shared.through(nearer))
+                likelihood = likelihood.sharing(best.shared.through(nearer))
                 best = swept(_within(model, moved(best.poses, common * velocities(best.poses))))
                 ends &= nearer.ahead == cameras.ahead
             if ends:
                 why = "converged"
                 break
-        if not evidence.wide and best.systems.since.any():
-            evidence = evidence.sharing(best.shared)
+        if not likelihood.wide and best.systems.since.any():
+            likelihood = likelihood.sharing(best.shared)
             best = swept(best.poses)
     except _StoppedError:
         return None
@@ -447,11 +449,16 @@ def _system(
         matrix.blocks[: len(rows), k] *= both
     every = np.arange(size)
     matrix.blocks[:, 0, every, every] += np.where(free, extra, 1.0 + own)
-    alike = swept.alike if reported else np.ones_like(swept.alike)
+    frames_per_sample = (
+        swept.frames_per_sample if reported else np.ones_like(swept.frames_per_sample)
+    )
     counted = systems.share[:, None, None] if reported else 1.0
-    border = systems.border * free[:, :, None] * np.sqrt(new / counted / alike)
-    known = swept.shared.known(np.ones_like(alike)) if reported else swept.known
-    corner = systems.corner / np.mean(counted) / np.sqrt(np.outer(alike, alike)) + known.hessian
+    border = systems.border * free[:, :, None] * np.sqrt(new / counted / frames_per_sample)
+    known = swept.shared.known(np.ones_like(frames_per_sample)) if reported else swept.known
+    corner = (
+        systems.corner / np.mean(counted) / np.sqrt(np.outer(frames_per_sample, frames_per_sample))
+        + known.hessian
+    )
     corner += shared_damping * np.diag(np.diag(corner))
     pull = systems.gradient[:, size:].sum(axis=0) + known.gradient
     held = swept.shared.stopped(pull)

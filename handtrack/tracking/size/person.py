@@ -43,9 +43,9 @@ def joints_around(used: Sequence[tuple[Observation, Floats[D3]]]) -> tuple[str, 
 
 
 def _apart(views: Sequence[Silhouette | ImageKeypoints], place: Floats[D3]) -> bool:
-    sights: list[Floats[D3]] = [place - view.camera.centre for view in views]
-    sights = [sight / np.linalg.norm(sight) for sight in sights]
-    least = min((float(a @ b) for a in sights for b in sights), default=1.0)
+    directions: list[Floats[D3]] = [place - view.camera.centre for view in views]
+    directions = [sight / np.linalg.norm(sight) for sight in directions]
+    least = min((float(a @ b) for a in directions for b in directions), default=1.0)
     return least < np.cos(_ANGLE)
 
 
@@ -144,20 +144,22 @@ class PersonChange:
     def of(
         cls,
         model: ArticulatedModel,
-        looks: Sequence[tuple[Observation, Floats[D3]]],
+        observations: Sequence[tuple[Observation, Floats[D3]]],
         subject: Subject,
     ) -> PersonChange:
         """Return what may change of a person by what some frames show, each with the hand's place; none of it yet changed.
 
         All of the shape where masks or joints see the hand from around, or a cloud shows it: of what lies on its other side the prior is left.
         """
-        tells = any(one.cloud is not None or seen_around(one, place) for one, place in looks)
-        seen = joints_around(looks) if subject.offsets else ()
+        is_observed = any(
+            one.cloud is not None or seen_around(one, place) for one, place in observations
+        )
+        seen = joints_around(observations) if subject.offsets else ()
         parameters = SizeParameters(model, seen)
         split = len(parameters.names) - parameters.offset_count
-        masks = any(one.silhouettes for one, _ in looks)
+        masks = any(one.silhouettes for one, _ in observations)
         free = np.array([subject.sizes or (masks and n == FOREARM_END) for n in parameters.names])
-        free[:split] &= tells
+        free[:split] &= is_observed
         free[split:] = True
         return cls(parameters, free, parameters.deviations(model.scale), subject.known)
 

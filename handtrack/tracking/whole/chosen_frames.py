@@ -15,7 +15,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.cameras import OUTLINE, CameraChanges
 from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.size.person import SIZE_BANDS_MM, PersonChange, Subject
-from handtrack.tracking.whole.evidence import Evidence, measured_outlines
+from handtrack.tracking.whole.likelihood import RecordingLikelihood, measured_outlines
 
 
 @one_blas_thread
@@ -26,7 +26,7 @@ def fit_person(
     seen: Sequence[Observation],
     poses: Sequence[Floats[P]],
     should_stop: Callable[[], bool] = lambda: False,
-    tell: Callable[[float], None] = lambda share: None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> HandScale | None:
     """Return the person who explains frames best, from `model` on, with the poses moving along;
     None where they tell nothing of what is open, or when stopped.
@@ -47,7 +47,7 @@ def fit_person(
         person = PersonChange.of(model, list(zip(seen, places, strict=True)), subject)
         if not person.count:
             return None
-        frames = Evidence(
+        frames = RecordingLikelihood(
             model, settings.with_values({"tracker.smoothing": 0.0, "silhouettes.bands_mm": (band,)}),
             lambda frame, bones: observed[frame], dict(zip(observed, current, strict=True)), seconds,
             cameras=cameras, person=person, follows=False, wide=stage + 1 < len(SIZE_BANDS_MM),
@@ -55,7 +55,7 @@ def fit_person(
         frames = replace(frames, outline_mm=measured_outlines(frames, list(observed), current))
         found = estimate_whole(
             frames, list(observed), current, should_stop,
-            lambda share, stage=stage: tell((stage + share) / len(SIZE_BANDS_MM)),
+            lambda share, stage=stage: report((stage + share) / len(SIZE_BANDS_MM)),
         )  # fmt: skip
         if found is None or found.scale is None:
             return None

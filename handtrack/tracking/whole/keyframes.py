@@ -15,7 +15,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.priors import motion_prior
-from handtrack.tracking.whole.evidence import Evidence, Recording, frame_seconds
+from handtrack.tracking.whole.likelihood import Recording, RecordingLikelihood, frame_seconds
 from handtrack.tracking.whole.mode_search import APART_M, largest_move_m
 
 _REACH = 50
@@ -23,10 +23,10 @@ _REACH = 50
 _MERGED_M = 1e-3
 """a correction of which less is left ends"""
 _ITERATIONS, _TRIED = 12, 6
-_ALIKE_RAD = np.deg2rad(12.0)
+_SIMILAR_RAD = np.deg2rad(12.0)
 """root mean square of what angles of two frames differ by, at which exp(−½) of an error is left. With 5, 10, 15 and 40° a corrected frame
 of six made fists lowers the mean error of the ten on either side by 27, 33, 33 and 25 %"""
-_TELLS = 2.0
+_SIGNIFICANT = 2.0
 """[log-likelihood] by which two poses must differ to be told apart"""
 
 
@@ -67,9 +67,11 @@ def with_keyframes(
         stood = around.get(frame)
         if stood is None:
             stood = _between([{**around, **held}[n] for n in beside])
-        evidence = Evidence(model, settings, observe, {**around, frame: stood}, seconds)
+        likelihood = RecordingLikelihood(
+            model, settings, observe, {**around, frame: stood}, seconds
+        )
         for way in (numbers[at + 1 : at + 1 + _REACH], numbers[:at][: -1 - _REACH : -1]):
-            for n, there in _followed(evidence, way, frame, pose, given, control).items():
+            for n, there in _followed(likelihood, way, frame, pose, given, control).items():
                 other, one = found.get(n, (frame, there))
                 nearer = abs(n - other) / (abs(n - other) + abs(n - frame))
                 found[n] = frame, moved(one, nearer * change(one, there))
@@ -86,7 +88,7 @@ def _between(beside: Sequence[Floats[P]]) -> Floats[P]:
 
 
 def _followed(
-    evidence: Evidence,
+    likelihood: RecordingLikelihood,
     way: Sequence[int],
     frame: int,
     pose: Floats[P],
@@ -99,13 +101,13 @@ def _followed(
     last one's, until it is none or the same. By what the correction goes on, what was seen errs: so it does beside, less
     the further the hand has moved, and at most as surely.
     """
-    model, stop = evidence.model, control.should_stop
-    settings = replace(evidence.settings.solver, iterations=_ITERATIONS)
+    model, stop = likelihood.model, control.should_stop
+    settings = replace(likelihood.settings.solver, iterations=_ITERATIONS)
 
     def settled(n: int, at: Floats[P]) -> Floats[P]:
         """Return the minimum near a pose, where what nothing shows stays."""
-        seen = evidence.of(n).problem
-        pull = motion_prior(model.joint_params(at), evidence.settings.prior, 1.0, 1)
+        seen = likelihood.of(n).problem
+        pull = motion_prior(model.joint_params(at), likelihood.settings.prior, 1.0, 1)
         pulled = replace(seen, parameter_terms=(*seen.parameter_terms, pull))
         return solve(pulled, at, settings, stop).params
 
@@ -113,23 +115,23 @@ def _followed(
         """Return by what the minimum near a pose differs from that near the one before; by nothing where it is no better."""
         # without the correction, too: a pose by all frames is not what one alone would have
         without, there = settled(n, before), settled(n, after)
-        cost = evidence.of(n).problem.cost
+        cost = likelihood.of(n).problem.cost
         same = largest_move_m(model, without, there) < APART_M
-        worse = same or cost(there) > cost(without) + _TELLS
+        worse = same or cost(there) > cost(without) + _SIGNIFICANT
         return np.zeros_like(before) if worse else change(without, there)
 
-    stood = evidence.around[frame]
+    stood = likelihood.around[frame]
     step = change_of_minimum(frame, stood, pose)
     middle = model.clipped(moved(stood, step))
-    problem, alike = evidence.of(frame).problem, 1.0
-    if problem.cost(pose) < problem.cost(middle) - _TELLS:  # it stood beside a minimum
+    problem, correlation = likelihood.of(frame).problem, 1.0
+    if problem.cost(pose) < problem.cost(middle) - _SIGNIFICANT:  # it stood beside a minimum
         middle = settled(frame, pose)
-    agrees = problem.cost(middle) < problem.cost(settled(frame, stood)) - _TELLS
+    agrees = problem.cost(middle) < problem.cost(settled(frame, stood)) - _SIGNIFICANT
     # where such a minimum is found beside, and where none is: by what the correction leaves what was seen, and what that costs
     errors = [
         (
             change(begin, pose),
-            max(problem.cost(pose) - problem.cost(begin), 0.0) + _TELLS,
+            max(problem.cost(pose) - problem.cost(begin), 0.0) + _SIGNIFICANT,
         )
         for begin in (middle, middle if agrees else stood)
     ]
@@ -137,15 +139,19 @@ def _followed(
     for beside in way:
         if beside in held or stop():
             break
-        problem, before, last = evidence.of(beside).problem, evidence.around[beside], alike
+        problem, before, last = (
+            likelihood.of(beside).problem,
+            likelihood.around[beside],
+            correlation,
+        )
         apart = change(stood, before)[3:]
-        alike = float(np.exp(-0.5 * (apart @ apart) / (len(apart) * _ALIKE_RAD**2)))
+        correlation = float(np.exp(-0.5 * (apart @ apart) / (len(apart) * _SIMILAR_RAD**2)))
         if step.any():
-            less = min(alike / max(last, alike), 1.0) * step
+            less = min(correlation / max(last, correlation), 1.0) * step
             step = change_of_minimum(beside, before, model.clipped(moved(before, less)))
         middle = model.clipped(moved(before, step))
         error, against = errors[0 if step.any() else 1]
-        beyond = alike * error
+        beyond = correlation * error
         for _ in range(_TRIED):  # of a robust loss half the way costs more than a quarter
             there = model.clipped(moved(middle, beyond))
             worse = problem.cost(there) - problem.cost(middle)

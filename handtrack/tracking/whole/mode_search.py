@@ -24,7 +24,7 @@ from handtrack.tracking.search.global_search import flipped_fingers
 from handtrack.tracking.search.lost_finger import finger_grid
 from handtrack.tracking.search.policy import SUSPICIOUS_RATIO
 from handtrack.tracking.size.motion import Motion
-from handtrack.tracking.whole.evidence import Evidence, FrameEvidence
+from handtrack.tracking.whole.likelihood import FrameLikelihood, RecordingLikelihood
 
 
 @array_dataclass
@@ -158,7 +158,7 @@ is kept from 0.03"""
 class ModeSearch:
     """Minima as they are gathered."""
 
-    evidence: Evidence
+    likelihood: RecordingLikelihood
     tracked: Sequence[FrameResult]
     poses: Floats[F, P]
     """solver parameters: as tracked, bridged where the hand was lost"""
@@ -167,7 +167,7 @@ class ModeSearch:
 
     @cached_property
     def motion(self) -> Motion:
-        prior, seconds = self.evidence.settings.prior, self.evidence.seconds
+        prior, seconds = self.likelihood.settings.prior, self.likelihood.seconds
         return Motion.usual(prior, self.poses.shape[1], seconds)
 
     @cached_property
@@ -178,7 +178,7 @@ class ModeSearch:
     @property
     def share(self) -> float:
         """Of what a frame says, how much counts (`Trellis.share`): all frames that show one pose as one, or as many as joints show."""
-        return min(1.0 / (self.evidence.repeated * self.evidence.new), 1.0)
+        return min(1.0 / (self.likelihood.repeated * self.likelihood.new), 1.0)
 
     def gathered(self) -> Trellis | None:
         """Return the trellis of tracked poses, of those that they lead to where frames don't go together or are in doubt,
@@ -193,18 +193,18 @@ class ModeSearch:
                 first = self._descended(n, pose, False, "depths believed") or first
             self.minima.append([first])
             for other in self.tracked[n].alternatives[1:]:
-                params = self.evidence.model.solver_params(other.parameters)
+                params = self.likelihood.model.solver_params(other.parameters)
                 self._add(n, self._minimum(n, params, other.origin))
         firm = np.array([result.status != Status.LOST for result in self.tracked])
         doubted = self._doubted()
         for n, apart in enumerate(self._apart(firm, doubted), 1):
-            ways = [(n, -1), (n - 1, 1)] if apart else []
+            rays = [(n, -1), (n - 1, 1)] if apart else []
             self._carry(
                 (at, way, self.minima[at][0].pose, self._speed(at, -way, firm))
-                for at, way in ways
+                for at, way in rays
                 if firm[at]
             )
-        for n in _spread(firm, self.evidence.repeated):
+        for n in _spread(firm, self.likelihood.repeated):
             self._try_fingers(n)
         usual = Trellis(self.minima, self.motion.process_noise, self.share)
         for _ in range(_ROUNDS):
@@ -233,12 +233,12 @@ class ModeSearch:
             if self.minima[n][0].origin == "bridged":
                 continue
             before, after = poses[n - 1], poses[n + 1]
-            middle = self.evidence.model.clipped(moved(before, 0.5 * change(before, after)))
+            middle = self.likelihood.model.clipped(moved(before, 0.5 * change(before, after)))
             added |= self._add(n, self._minimum(n, middle, "between"))
         return added
 
-    def _frame(self, n: int) -> FrameEvidence:
-        return self.evidence.of(self.tracked[n].frame)
+    def _frame(self, n: int) -> FrameLikelihood:
+        return self.likelihood.of(self.tracked[n].frame)
 
     def _minimum(self, n: int, pose: Floats[P], origin: str, plain: bool = False) -> Minimum:
         """Return a minimum of a frame; plain: seen as the frame is, where it was tracked."""
@@ -291,7 +291,7 @@ class ModeSearch:
             if not 0 <= other < len(self.poses) or self.control.should_stop() or met == _MET:
                 return
             speed = self.motion.kept * speed
-            expected = self.evidence.model.clipped(moved(pose, speed))
+            expected = self.likelihood.model.clipped(moved(pose, speed))
             there = self._nearest(other, expected)
             found = there or self._descended(other, expected, True, "carried on")
             if found is None:
@@ -309,12 +309,12 @@ class ModeSearch:
 
     def _descended(self, n: int, start: Floats[P], pull: bool, origin: str) -> Minimum | None:
         """Return the minimum near a pose; None where nothing was seen or the hand isn't there."""
-        frame, model = self._frame(n), self.evidence.model
+        frame, model = self._frame(n), self.likelihood.model
         terms: FrameTerms = frame.terms
         if not terms.has_seen:
             return None
         if pull:
-            settings = self.evidence.settings
+            settings = self.likelihood.settings
             expected = motion_prior(model.joint_params(start), settings.prior, 1.0, 1)
             terms = replace(terms, priors=(*terms.priors, expected))
         stop = self.control.should_stop
@@ -339,12 +339,12 @@ class ModeSearch:
     def _nearest(self, n: int, pose: Floats[P]) -> Minimum | None:
         """Return the nearest of a frame's minima that a pose is one with."""
         seen = [one for one in self.minima[n] if one.origin != "bridged"]
-        far = [largest_move_m(self.evidence.model, one.pose, pose) for one in seen]
+        far = [largest_move_m(self.likelihood.model, one.pose, pose) for one in seen]
         return seen[int(np.argmin(far))] if far and min(far) < APART_M else None
 
     def _try_fingers(self, n: int) -> None:
         """Put fingers elsewhere in a frame, and carry on what fits."""
-        frame, model = self._frame(n), self.evidence.model
+        frame, model = self._frame(n), self.likelihood.model
         if not frame.terms.has_seen or not model.has_keypoints21:
             return
         pose = min(self.minima[n], key=lambda one: one.system.cost).pose

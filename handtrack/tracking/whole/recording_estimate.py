@@ -25,16 +25,16 @@ from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.size.frame_systems import by_change, terms_of
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.whole.alternatives import with_alternatives
-from handtrack.tracking.whole.evidence import (
+from handtrack.tracking.whole.keyframes import with_keyframes
+from handtrack.tracking.whole.likelihood import (
     MOSTLY_NEW,
     NEW_POSE_S,
-    Evidence,
     Recording,
+    RecordingLikelihood,
     frame_seconds,
     measured_outlines,
     new_share,
 )
-from handtrack.tracking.whole.keyframes import with_keyframes
 from handtrack.tracking.whole.mode_search import ModeSearch, Trellis
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack.tracking.whole.trajectory_hypotheses import (
@@ -78,7 +78,7 @@ class RecordingEstimate:
     recording: Recording
     tracked: Sequence[FrameResult]
     """as they came, frame after frame, ascending"""
-    evidence: Evidence
+    likelihood: RecordingLikelihood
     """what frames say, and what they share"""
     poses: Floats[F, P]
     """solver parameters"""
@@ -104,7 +104,7 @@ class RecordingEstimate:
 
     @property
     def duration_s(self) -> float:
-        return self.evidence.seconds * len(self.tracked)
+        return self.likelihood.seconds * len(self.tracked)
 
 
 Pass = Callable[[RecordingEstimate], RecordingEstimate | None]
@@ -156,19 +156,19 @@ def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> Recordi
         np.array([number not in lost for number in numbers]),
     )
     around = dict(zip(numbers, poses, strict=True))
-    evidence = Evidence(
+    likelihood = RecordingLikelihood(
         recording.model, recording.settings, recording.observe, around, frame_seconds(tracked), silent=lost,
     )  # fmt: skip
-    outlines = measured_outlines(evidence, [numbers[n] for n in found], poses[found])
-    evidence = replace(evidence, outline_mm=outlines)
-    evidence = replace(evidence, new=new_share(evidence, numbers, poses))
-    return RecordingEstimate(recording, tracked, evidence, poses)
+    outlines = measured_outlines(likelihood, [numbers[n] for n in found], poses[found])
+    likelihood = replace(likelihood, outline_mm=outlines)
+    likelihood = replace(likelihood, new=new_share(likelihood, numbers, poses))
+    return RecordingEstimate(recording, tracked, likelihood, poses)
 
 
 def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate | None:
     """Return the estimate on the Viterbi path through the modes of its frames."""
     tracked, numbers = estimate.tracked, estimate.frames
-    search = ModeSearch(estimate.evidence, tracked, estimate.poses, estimate.recording.control)
+    search = ModeSearch(estimate.likelihood, tracked, estimate.poses, estimate.recording.control)
     gathered = search.gathered()
     if gathered is None:
         return None
@@ -176,39 +176,39 @@ def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate | None:
     path = [row[k] for row, k in zip(trellis.minima, trellis.best.tolist(), strict=True)]
     bridged = {n for n, one in zip(numbers, path, strict=True) if one.origin == "bridged"}
     poses = trellis.path(trellis.best)
-    poor = _poor_still(estimate.evidence, tracked, poses)
+    poor = _poor_still(estimate.likelihood, tracked, poses)
     changed = [n for n, one in enumerate(path) if one.origin != "tracked"]
-    evidence = estimate.evidence.elsewhere(
-        {numbers[n]: poses[n] for n in changed}, estimate.evidence.silent & bridged, frozenset(numbers[n] for n in poor)
+    likelihood = estimate.likelihood.elsewhere(
+        {numbers[n]: poses[n] for n in changed}, estimate.likelihood.silent & bridged, frozenset(numbers[n] for n in poor)
     )  # fmt: skip
     for n in poor:
-        before = evidence.model.solver_params(tracked[n].parameters)
-        poses[n] = min(poses[n], before, key=lambda pose: evidence.of(numbers[n]).at(pose).cost)
-    return replace(estimate, evidence=evidence, poses=poses, trellis=trellis)
+        before = likelihood.model.solver_params(tracked[n].parameters)
+        poses[n] = min(poses[n], before, key=lambda pose: likelihood.of(numbers[n]).at(pose).cost)
+    return replace(estimate, likelihood=likelihood, poses=poses, trellis=trellis)
 
 
 def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate in which what some frames tell of the person and of the cameras' times and masks is to be found."""
-    evidence, subject = estimate.evidence, estimate.recording.subject
+    likelihood, subject = estimate.likelihood, estimate.recording.subject
     found = [r.frame for r in estimate.tracked if r.status != Status.LOST]
-    samples = _samples(evidence, found)
+    samples = _samples(likelihood, found)
     if subject is not None and samples:
-        evidence = replace(evidence, person=PersonChange.of(evidence.model, samples, subject))
+        likelihood = replace(likelihood, person=PersonChange.of(likelihood.model, samples, subject))
     points = [one for seen, _ in samples for one in seen.keypoints]
     detected = any(isinstance(one, ImageKeypoints) for one in points)
-    evidence = replace(evidence, wide=detected and evidence.model.kind == "hand")
+    likelihood = replace(likelihood, wide=detected and likelihood.model.kind == "hand")
     timed = estimate.duration_s >= NEW_POSE_S
-    later = [evidence.frames_later.get(frame, {}) for frame in estimate.frames]
+    later = [likelihood.frames_later.get(frame, {}) for frame in estimate.frames]
     cameras = CameraChanges.of([one for one, _ in samples], later)
     cameras = cameras.finding(OUTLINE | TIME if timed else OUTLINE)
-    return replace(estimate, evidence=evidence.sharing(evidence.shared.through(cameras)))
+    return replace(estimate, likelihood=likelihood.sharing(likelihood.shared.through(cameras)))
 
 
 def descend(estimate: RecordingEstimate) -> RecordingEstimate | None:
     """Return the estimate at the least cost nearby, of all poses and of what they share."""
     control = estimate.recording.control
     found = estimate_whole(
-        estimate.evidence,
+        estimate.likelihood,
         estimate.frames,
         estimate.poses,
         control.should_stop,
@@ -223,18 +223,18 @@ def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
     if not found.cameras.count or estimate.duration_s < _MOVED_S:
         return estimate
     cameras = found.cameras.finding(ALL)
-    evidence = estimate.evidence.sharing(found.shared.through(cameras))
-    nearest = _nearest_images(evidence, numbers, found.poses)
-    evidence = evidence.sharing(found.shared.through(nearest))
+    likelihood = estimate.likelihood.sharing(found.shared.through(cameras))
+    nearest = _nearest_images(likelihood, numbers, found.poses)
+    likelihood = likelihood.sharing(found.shared.through(nearest))
     asked = _asked_gain(cameras)
     at_most = float(found.costs.mean()) - _EXPECTED * asked
     tried = estimate_whole(
-        evidence, numbers, found.poses, control.should_stop, sweeps=_TRIED, at_most=at_most
+        likelihood, numbers, found.poses, control.should_stop, sweeps=_TRIED, at_most=at_most
     )
     if tried is None or tried.costs.mean() >= at_most:
         return estimate
     again = estimate_whole(
-        evidence.sharing(tried.shared), numbers, tried.poses, control.should_stop, control.observer.progress
+        likelihood.sharing(tried.shared), numbers, tried.poses, control.should_stop, control.observer.progress
     )  # fmt: skip
     if again is None or found.costs.mean() - again.costs.mean() <= asked:
         return estimate
@@ -243,26 +243,28 @@ def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
 
 def let_outliers_go(estimate: RecordingEstimate) -> RecordingEstimate | None:
     """Return the estimate once detected joints far off the model no longer pull, cameras standing where they were found."""
-    if not estimate.evidence.wide:  # a body's are never let go: one descent finds all
+    if not estimate.likelihood.wide:  # a body's are never let go: one descent finds all
         return estimate
     found, control = estimate.solved, estimate.recording.control
     masks = found.shared.through(found.cameras.finding(OUTLINE))
-    evidence = replace(estimate.evidence.sharing(masks), wide=False)
+    likelihood = replace(estimate.likelihood.sharing(masks), wide=False)
     again = estimate_whole(
-        evidence, estimate.frames, found.poses, control.should_stop, control.observer.progress
+        likelihood, estimate.frames, found.poses, control.should_stop, control.observer.progress
     )
-    return again and replace(estimate, evidence=evidence, solution=again)
+    return again and replace(estimate, likelihood=likelihood, solution=again)
 
 
 def flip_limbs(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate on the best of the trajectories that one camera's joints leave open, where several are asked for."""
-    count, evidence = estimate.evidence.settings.tracker.hypotheses, estimate.evidence
-    if count <= 1 or evidence.new > MOSTLY_NEW:
+    count, likelihood = estimate.likelihood.settings.tracker.hypotheses, estimate.likelihood
+    if count <= 1 or likelihood.new > MOSTLY_NEW:
         return estimate
-    first = TrajectoryHypothesis(estimate.solved, evidence, "followed")
+    first = TrajectoryHypothesis(estimate.solved, likelihood, "followed")
     several = trajectory_hypotheses(first, estimate.frames, count, estimate.recording.control)
     best = several[0]
-    return replace(estimate, hypotheses=tuple(several), solution=best.found, evidence=best.evidence)
+    return replace(
+        estimate, hypotheses=tuple(several), solution=best.found, likelihood=best.likelihood
+    )
 
 
 def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
@@ -270,21 +272,21 @@ def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
     found, subject = estimate.solved, estimate.recording.subject
     refinement = Refinement.of(found, estimate.calibrated)
     estimate.recording.control.observer.shared(refinement.text)
-    evidence = estimate.evidence.sharing(found.shared)
+    likelihood = estimate.likelihood.sharing(found.shared)
     if subject is not None and refinement.scale is not None:
         model = subject.build(refinement.scale)
-        evidence = evidence.by(model, dict(zip(estimate.frames, found.poses, strict=True)))
+        likelihood = likelihood.by(model, dict(zip(estimate.frames, found.poses, strict=True)))
     tracked = estimate.tracked
-    results = in_parallel(lambda n: _result(evidence, found, n, tracked), range(len(tracked)))
-    return replace(estimate, evidence=evidence, results=tuple(results))
+    results = in_parallel(lambda n: _result(likelihood, found, n, tracked), range(len(tracked)))
+    return replace(estimate, likelihood=likelihood, results=tuple(results))
 
 
 def keep_alternatives(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate whose frames have the other poses that all frames together leave open, and are as unsure."""
     assert estimate.trellis is not None, "passes come in order"
     results = with_alternatives(
-        estimate.evidence.model, estimate.results, estimate.trellis,
-        estimate.evidence.settings.tracker.hypotheses, estimate.hypotheses,
+        estimate.likelihood.model, estimate.results, estimate.trellis,
+        estimate.likelihood.settings.tracker.hypotheses, estimate.hypotheses,
     )  # fmt: skip
     return replace(estimate, results=tuple(results))
 
@@ -328,13 +330,15 @@ def refine_near(
         numbers = [result.frame for result in inside]
         poses = np.array([model.solver_params(r.parameters) for r in inside])
         around = dict(zip(numbers, poses, strict=True))
-        evidence = Evidence(model, recording.settings, recording.observe, around, seconds)
+        likelihood = RecordingLikelihood(
+            model, recording.settings, recording.observe, around, seconds
+        )
         stop_asked = recording.control.should_stop
-        whole = estimate_whole(evidence, numbers, poses, stop_asked, sweeps=0)
+        whole = estimate_whole(likelihood, numbers, poses, stop_asked, sweeps=0)
         if whole is None or stop_asked():
             return []
         found += [
-            _result(evidence, whole, n, inside)
+            _result(likelihood, whole, n, inside)
             for n in np.flatnonzero(touched[first:stop]).tolist()
         ]
     return found
@@ -350,19 +354,21 @@ def _asked_gain(cameras: CameraChanges) -> float:
     return 0.5 * float(chdtri(seen, _BY_CHANCE)) if seen > 0 else float("inf")
 
 
-def _samples(evidence: Evidence, posed: Sequence[int]) -> list[tuple[Observation, Floats[D3]]]:
+def _samples(
+    likelihood: RecordingLikelihood, posed: Sequence[int]
+) -> list[tuple[Observation, Floats[D3]]]:
     """Return some frames and where the hand is in them, by which it is told what all share; none where images are looked at."""
-    if evidence.settings.looks_at_images:
+    if likelihood.settings.uses_images:
         return []
     found = []
     for k in evenly_spread(len(posed), _SAMPLES):
-        bones = evidence.model.bones(evidence.around[posed[k]])
-        found.append((evidence.observe(posed[k], bones), bones.position.mean(axis=0)))
+        bones = likelihood.model.bones(likelihood.around[posed[k]])
+        found.append((likelihood.observe(posed[k], bones), bones.position.mean(axis=0)))
     return found
 
 
 def _poor_still(
-    evidence: Evidence, tracked: Sequence[FrameResult], poses: Floats[F, P]
+    likelihood: RecordingLikelihood, tracked: Sequence[FrameResult], poses: Floats[F, P]
 ) -> list[int]:
     """Return the rows of frames whose cloud was poor, and of which many beside them agree badly with the hand on the best way, too:
     fingers in the wrong place let a good cloud seem poor; a sensor that is poor does not change from frame to frame.
@@ -370,7 +376,7 @@ def _poor_still(
     once = [result.poor_cloud for result in tracked]
     still = np.zeros(len(tracked), bool)
     for n in np.flatnonzero(once).tolist():
-        terms = evidence.of(tracked[n].frame).terms
+        terms = likelihood.of(tracked[n].frame).terms
         still[n] = poor_agreement(terms, poses[n], POOR) is not None
     share = [still[max(n - _BESIDE, 0) : n + _BESIDE + 1].mean() for n in range(len(tracked))]
     return [n for n in range(len(tracked)) if once[n] and share[n] > _STILL]
@@ -386,11 +392,11 @@ def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
 
 
 def _result(
-    evidence: Evidence, found: WholeEstimate, n: int, tracked: Sequence[FrameResult]
+    likelihood: RecordingLikelihood, found: WholeEstimate, n: int, tracked: Sequence[FrameResult]
 ) -> FrameResult:
     """Return a frame at its pose of all, with what all say of it."""
-    before, model = tracked[n], evidence.model
-    pose, frame = found.poses[n], evidence.of(before.frame)
+    before, model = tracked[n], likelihood.model
+    pose, frame = found.poses[n], likelihood.of(before.frame)
     change = by_change(pose)
     covariance = change @ found.covariance[n] @ change.T
     _, std, joints = uncertainty(model, pose, np.linalg.inv(covariance))
@@ -398,7 +404,7 @@ def _result(
     seen = frame.terms.has_seen
     terms, problem = frame.seen_by(found, n)
     energies = problem.costs(pose) if seen else {}
-    if seen and before.frame not in evidence.silent | evidence.poor:
+    if seen and before.frame not in likelihood.silent | likelihood.poor:
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
         moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
         assessment = frame_confidence(terms, pose, energy, energies, joints, tracked[:n], moved_m)
@@ -412,21 +418,21 @@ def _result(
 
 
 def _nearest_images(
-    evidence: Evidence, numbers: Sequence[int], poses: Floats[F, P]
+    likelihood: RecordingLikelihood, numbers: Sequence[int], poses: Floats[F, P]
 ) -> CameraChanges:
     """Return the evidence's cameras with those images looked at beside a frame that fit its pose best, in the widest band and better in
     the narrowest, too: of fingers that curl at one place the widest may tell any.
 
     Only a start: poses that were found with a late camera lie between it and the others.
     """
-    cameras = evidence.cameras
+    cameras = likelihood.cameras
     if not cameras.count or len(numbers) <= 2 * _MOST_LATE:
         return cameras
-    best = _costs_of_images(evidence, numbers, poses, range(2 * _MOST_LATE + 1), 0).argmin(axis=1)
+    best = _costs_of_images(likelihood, numbers, poses, range(2 * _MOST_LATE + 1), 0).argmin(axis=1)
     if (best == _MOST_LATE).all():
         return cameras
     tried = sorted({_MOST_LATE, *best.tolist()})
-    narrow = _costs_of_images(evidence, numbers, poses, tried, -1)
+    narrow = _costs_of_images(likelihood, numbers, poses, tried, -1)
     own = narrow[np.arange(len(best)), np.searchsorted(tried, best)]
     later = np.where(own < narrow[:, tried.index(_MOST_LATE)], best - _MOST_LATE, 0)
     # the recording's time is that of most cameras; of two, the first one's
@@ -435,7 +441,7 @@ def _nearest_images(
 
 
 def _costs_of_images(
-    evidence: Evidence,
+    likelihood: RecordingLikelihood,
     numbers: Sequence[int],
     poses: Floats[F, P],
     later: Sequence[int],
@@ -444,14 +450,14 @@ def _costs_of_images(
     """Return what each camera's pictures of some frames cost at poses of frames beside them, the K-th `later` less _MOST_LATE frames after;
     stage: of the bands, the widest first, −1 the narrowest.
     """
-    names, model = evidence.cameras.names, evidence.shared.person.model
+    names, model = likelihood.cameras.names, likelihood.shared.person.model
     found = np.zeros((len(names), len(later)))
-    looks = np.unique(
+    observations = np.unique(
         np.linspace(_MOST_LATE, len(numbers) - 1 - _MOST_LATE, _LATE_SAMPLES).round().astype(int)
     )
-    for n in looks.tolist():
-        terms = evidence.of(numbers[n]).terms
-        seen, _ = by_camera(terms.stage(evidence.model.bones(poses[n]), stage % terms.stages))
+    for n in observations.tolist():
+        terms = likelihood.of(numbers[n]).terms
+        seen, _ = by_camera(terms.stage(likelihood.model.bones(poses[n]), stage % terms.stages))
         for c, name in enumerate(names):
             problem = Problem(model, seen.get(name, []))
             problem = replace(problem, observation_terms=terms_of(problem, model))

@@ -75,12 +75,12 @@ class CameraError:
     @property
     def figures(self) -> str:
         """What was estimated, with standard deviations."""
-        return self._told([(size, std, figure) for size, std, (figure, _, _) in self._off if std])
+        return self._listed([(size, std, figure) for size, std, (figure, _, _) in self._off if std])
 
     @property
     def words(self) -> str:
         """What is surely off, in words; empty where nothing is."""
-        off = self._told(
+        off = self._listed(
             [
                 (size, std, words)
                 for size, std, (_, words, least) in self._off
@@ -97,7 +97,7 @@ class CameraError:
         std = max(self.std[:3]), max(self.std[3:6]), *self.std[6:8]
         return list(zip(sizes, std, _WORDS, strict=True))
 
-    def _told(self, parts: Sequence[tuple[float, float, str]]) -> str:
+    def _listed(self, parts: Sequence[tuple[float, float, str]]) -> str:
         side = "late" if self.late_frames > 0 else "early"
         return ", ".join(words.format(size, std, side) for size, std, words in parts)
 

@@ -12,7 +12,7 @@ from handtrack.sampling.suppression import apart
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.depth_flips import apart_m, flips_of_limbs, only_camera
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
-from handtrack.tracking.whole.evidence import Evidence
+from handtrack.tracking.whole.likelihood import RecordingLikelihood
 
 _SWEEPS = 6
 """of hypotheses beside the best: they show which is better, and what else it may be"""
@@ -26,14 +26,14 @@ class TrajectoryHypothesis:
     """Poses of all frames, refined together."""
 
     found: WholeEstimate
-    evidence: Evidence
+    likelihood: RecordingLikelihood
     origin: str
     """how it was come by"""
 
     @property
     def cost(self) -> float:
         """By which hypotheses are compared: what all frames say, and what is usual of motion."""
-        usual = self.evidence.usual
+        usual = self.likelihood.usual
         moves = 0.0 if usual is None else usual.cost(self.found.poses)
         return float(self.found.costs.sum()) + moves
 
@@ -47,7 +47,7 @@ def trajectory_hypotheses(
     far away everything is it leaves open too, about each of them: that is no hypothesis of its own, and the covariance contains it. Fewer
     where there are no more, or it was stopped.
     """
-    camera = _camera(first.evidence, frames)
+    camera = _camera(first.likelihood, frames)
     if camera is None or count < 2:
         return [first]
     hypotheses, flipped = [first], list[TrajectoryHypothesis]()
@@ -66,11 +66,11 @@ def trajectory_hypotheses(
     return hypotheses
 
 
-def _camera(evidence: Evidence, frames: Sequence[int]) -> Camera | None:
+def _camera(likelihood: RecordingLikelihood, frames: Sequence[int]) -> Camera | None:
     """Return the only camera, whose image's joints are all that was seen; None where there is more."""
     found = None
     for frame in frames:
-        terms = evidence.of(frame).terms
+        terms = likelihood.of(frame).terms
         if terms.has_seen:
             camera = only_camera(terms)
             if camera is None or (found is not None and found.name != camera.name):
@@ -83,18 +83,18 @@ def _flipped(
     hypothesis: TrajectoryHypothesis, frames: Sequence[int], camera: Camera, control: Control
 ) -> Iterator[TrajectoryHypothesis]:
     """Yield the hypothesis with one limb on the other side of where it was, refined."""
-    evidence = hypothesis.evidence
+    likelihood = hypothesis.likelihood
     for name, poses in _trials(hypothesis, camera):
-        found = estimate_whole(evidence, frames, poses, control.should_stop, sweeps=_SWEEPS)
+        found = estimate_whole(likelihood, frames, poses, control.should_stop, sweeps=_SWEEPS)
         if found is not None:
-            yield TrajectoryHypothesis(found, evidence, f"{hypothesis.origin}, {name} flipped")
+            yield TrajectoryHypothesis(found, likelihood, f"{hypothesis.origin}, {name} flipped")
 
 
 def _trials(hypothesis: TrajectoryHypothesis, camera: Camera) -> Iterator[tuple[str, Floats[F, P]]]:
     """Yield each limb's name and the poses in which it is flipped, one hypothesis of all: from the frame where a flip differs most it is
     followed to both sides, to the flip that is nearest. Where the limb lies in the image plane that is the pose itself.
     """
-    model, poses = hypothesis.evidence.model, hypothesis.found.poses
+    model, poses = hypothesis.likelihood.model, hypothesis.found.poses
     by_frame = [flips_of_limbs(model, pose, camera) for pose in poses]
     for name in by_frame[0]:
         leaves = [np.concatenate([pose[None], at[name]]) for pose, at in zip(poses, by_frame, strict=True)]  # fmt: skip
@@ -117,7 +117,7 @@ def _far(rows: Floats[N, P], pose: Floats[P]) -> Floats[N]:
 
 def _unlike(hypotheses: Sequence[TrajectoryHypothesis]) -> list[TrajectoryHypothesis]:
     """Return the hypotheses of which no better one is the same: all joints of all frames near each other."""
-    model = hypotheses[0].evidence.model
+    model = hypotheses[0].likelihood.model
     places = np.array(
         [[model.joint_positions(model.bones(p)) for p in one.found.poses] for one in hypotheses]
     )

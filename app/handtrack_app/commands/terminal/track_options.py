@@ -108,7 +108,7 @@ def check_observed(session: Session, settings: TrackerSettings, use: str | None)
             raise HandtrackError(
                 f"--use {use}: {session.folder / SESSION_FILE} has no {name}: {needs}."
             )
-    by_images = images and settings.looks_at_images
+    by_images = images and settings.uses_images
     if joints and settings.keypoints.weight > 0:
         return
     usual = settings.silhouettes.weight + settings.cloud.weight > 0

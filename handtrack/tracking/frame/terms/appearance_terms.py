@@ -154,7 +154,7 @@ def _edges(
     return OutlineEdgesTerm(
         found,
         sigma_px=sigma,
-        stretch_px=EDGE_CORRELATION_PX,
+        correlation_px=EDGE_CORRELATION_PX,
         weight=chosen.weight,
         from_unexplained=_compared(settings),
     )

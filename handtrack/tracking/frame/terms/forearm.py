@@ -87,12 +87,14 @@ def forearm_length(
         end = np.where(out.any(axis=1), out.argmax(axis=1), len(reach) - 1)
         shown = _STEP_M * (beside & (np.arange(len(reach)) < end[:, None])).sum(axis=1)
         length = np.where(shown >= 0.5 * _SHOWN_M, reach[end], 0.0)
-        tells = _STEP_M * beside.sum(axis=1) >= _SHOWN_M
+        is_visible = _STEP_M * beside.sum(axis=1) >= _SHOWN_M
         pixel = np.nan_to_num(camera.project(points))
         wide = np.linalg.norm(pixel[np.arange(len(end)), end] - pixel[:, 0], axis=1)
-        lengths.append(np.where(tells, length, np.nan))
+        lengths.append(np.where(is_visible, length, np.nan))
         extents.append(
-            np.where(tells & (length > 0), wide / camera.pixels_per_m_at(bones.position[0]), 0.0)
+            np.where(
+                is_visible & (length > 0), wide / camera.pixels_per_m_at(bones.position[0]), 0.0
+            )
         )
     if not lengths or np.isnan(lengths).all():
         return np.nan

@@ -14,7 +14,7 @@ from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
 from handtrack.terms.clouds.distance_map import DistanceMap, distance_map
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.search.evidence.hand_shapes import (
+from handtrack.tracking.search.scores.hand_shapes import (
     PALM_DEEP_M,
     PIECE_M,
     REACH_M,
@@ -22,7 +22,7 @@ from handtrack.tracking.search.evidence.hand_shapes import (
     group_middles,
     palm_middle,
 )
-from handtrack.tracking.search.evidence.score_kernels import cloud_scores
+from handtrack.tracking.search.scores.score_kernels import cloud_scores
 
 _VOXEL_M = 0.008
 _MOST = 2000  # points; voxels grow until there are no more
@@ -35,8 +35,8 @@ _FEWEST = 60
 
 
 @array_dataclass
-class CloudEvidence:
-    """One frame's cloud, thinned; made by `cloud_evidence`."""
+class CloudScore:
+    """One frame's cloud, thinned; made by `cloud_score`."""
 
     points: Floats[N, D3]
     """world [m]"""
@@ -51,18 +51,18 @@ class CloudEvidence:
         return self.distances.at_nodes()
 
     @cached_property
-    def _sights(self) -> tuple[Floats, Ints]:
+    def _view_directions(self) -> tuple[Floats, Ints]:
         middle = np.median(self.points, axis=0)
-        ways = [np.atleast_2d(view) - middle for view in self.views]
-        ways = [way / np.linalg.norm(way, axis=1, keepdims=True) for way in ways]
-        start = np.cumsum([0, *map(len, ways)]).astype(np.int64)
-        return np.concatenate([*ways, np.zeros((0, 3))]), start
+        rays = [np.atleast_2d(view) - middle for view in self.views]
+        rays = [way / np.linalg.norm(way, axis=1, keepdims=True) for way in rays]
+        start = np.cumsum([0, *map(len, rays)]).astype(np.int64)
+        return np.concatenate([*rays, np.zeros((0, 3))]), start
 
     @cached_property
     def places(self) -> Floats[M, D3]:
         """Where a palm's middle may be, world [m]: all over the cloud, the nearest to the cameras first."""
-        sights = self._sights[0]
-        away = -sights.mean(axis=0) if len(sights) else np.zeros(3)
+        directions = self._view_directions[0]
+        away = -directions.mean(axis=0) if len(directions) else np.zeros(3)
         near = self.points @ away
         order = np.argsort(near, kind="stable")
         chosen = group_middles(self.points[order], _PLACE_M, _MOST_PLACES)
@@ -80,7 +80,7 @@ class CloudEvidence:
         return cloud_scores(
             (self.points, self.area),
             (self._nodes, self.distances.low, self.distances.spacing),
-            self._sights,
+            self._view_directions,
             (np.ascontiguousarray(rotations), np.ascontiguousarray(places)),
             (shape.points[hand], shape.normals[hand], shape.area, shape.middle, shape.reach),
             (shape.field, shape.low, shape.spacing),
@@ -137,9 +137,9 @@ class CloudEvidence:
         return float(near.sum() * self.area / (0.5 * PIECE_M**2))
 
 
-def cloud_evidence(
+def cloud_score(
     points: Floats[N, D3], views: tuple[Floats[K, D3], ...], seed: int = 0
-) -> CloudEvidence | None:
+) -> CloudScore | None:
     """Return a cloud, world [m], made ready for the search; None where it is too small for a hand.
 
     Parameters
@@ -159,4 +159,4 @@ def cloud_evidence(
         return None
     low, high = kept.min(axis=0) - REACH_M, kept.max(axis=0) + REACH_M
     distances = distance_map(points, low, high, max(_MAP_M, 0.6 * voxel), most_voxels=1_500_000)
-    return CloudEvidence(np.ascontiguousarray(kept), voxel**2 / _CELLS_A_SIDE, distances, views)
+    return CloudScore(np.ascontiguousarray(kept), voxel**2 / _CELLS_A_SIDE, distances, views)

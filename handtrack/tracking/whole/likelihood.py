@@ -71,7 +71,7 @@ def frame_seconds(tracked: Sequence[FrameResult]) -> float:
 
 
 @array_dataclass
-class FrameEvidence(FrameProblem):
+class FrameLikelihood(FrameProblem):
     """A frame as it was seen, and what it costs; its images are not kept, which take ten times as much."""
 
     terms: FrameTerms
@@ -131,7 +131,7 @@ class FrameEvidence(FrameProblem):
 
 
 @dataclass(eq=False)
-class Evidence:
+class RecordingLikelihood:
     """The frames of a recording, read when they are asked for.
 
     Bands, the forearm's cut and a cloud's sharpness are those of the pose `around` which a frame is looked at, so that its
@@ -164,9 +164,9 @@ class Evidence:
     last (`new_share`)"""
     frames_later: dict[int, Mapping[str, float]] = field(default_factory=dict)
     """of each frame that was read, by camera"""
-    _held: OrderedDict[int, FrameEvidence] = field(init=False, default_factory=OrderedDict)
+    _held: OrderedDict[int, FrameLikelihood] = field(init=False, default_factory=OrderedDict)
 
-    def of(self, frame: int) -> FrameEvidence:
+    def of(self, frame: int) -> FrameLikelihood:
         """Return what a frame says."""
         known = self._held.get(frame)
         if known is None:
@@ -175,7 +175,7 @@ class Evidence:
                 self._held.popitem(last=False)
         return known
 
-    def sharing(self, shared: Shared) -> Evidence:
+    def sharing(self, shared: Shared) -> RecordingLikelihood:
         """Return the same frames, of a person and through cameras that have changed; they are read anew where other images are
         looked at.
         """
@@ -184,7 +184,7 @@ class Evidence:
             found._held = self._held
         return found
 
-    def by(self, model: ArticulatedModel, poses: Mapping[int, Floats[P]]) -> Evidence:
+    def by(self, model: ArticulatedModel, poses: Mapping[int, Floats[P]]) -> RecordingLikelihood:
         """Return the frames around other poses of another person's model, who is known from now on."""
         return replace(self, model=model, around=poses, person=None)
 
@@ -217,7 +217,7 @@ class Evidence:
 
     def elsewhere(
         self, poses: Mapping[int, Floats[P]], silent: frozenset[int], poor: frozenset[int]
-    ) -> Evidence:
+    ) -> RecordingLikelihood:
         """Return the evidence around other poses of some frames, other frames being silent or poor; what is known of the rest
         stays.
         """
@@ -226,7 +226,7 @@ class Evidence:
         moved._held.update({n: f for n, f in self._held.items() if n not in anew})
         return moved
 
-    def _read(self, frame: int) -> FrameEvidence:
+    def _read(self, frame: int) -> FrameLikelihood:
         model, settings, pose = self.model, self.settings, self.around[frame]
         if frame in self.poor:
             settings = poor_cloud_settings(settings)
@@ -253,14 +253,14 @@ class Evidence:
             told, others = {}, []
         views = [told.pop(name, []) for name in self.cameras.names]
         others += [term for own in told.values() for term in own]
-        return FrameEvidence(
+        return FrameLikelihood(
             Problem(model, others), Problem(model, (), terms.priors), tuple(Problem(model, own) for own in views), share,
             terms, bones,
         )  # fmt: skip
 
 
 def measured_outlines(
-    evidence: Evidence, frames: Sequence[int], poses: Floats[F, P]
+    likelihood: RecordingLikelihood, frames: Sequence[int], poses: Floats[F, P]
 ) -> dict[str, float]:
     """Return by camera how far the hand's outline is from its masks, the median over some frames [mm].
 
@@ -269,7 +269,7 @@ def measured_outlines(
     """
     found: dict[str, list[float]] = {}
     for n in evenly_spread(len(frames), _OUTLINES):
-        terms, bones = evidence.of(frames[n]).terms, evidence.model.bones(poses[n])
+        terms, bones = likelihood.of(frames[n]).terms, likelihood.model.bones(poses[n])
         for term in terms.stage(bones) if terms.prepared else ():
             if isinstance(term, CoverageTerm):
                 for seen, px, scale in zip(
@@ -279,7 +279,7 @@ def measured_outlines(
     return {name: float(np.nanmedian(off)) for name, off in found.items() if np.isfinite(off).any()}
 
 
-def new_share(evidence: Evidence, frames: Sequence[int], poses: Floats[F, P]) -> float:
+def new_share(likelihood: RecordingLikelihood, frames: Sequence[int], poses: Floats[F, P]) -> float:
     """Return the share of a frame that is new, (1 − ρ)/(1 + ρ): ρ is the correlation of what is left over of joints in one camera's
     image, where they are all that was seen, between a frame and the next; 1 where there are none.
 
@@ -290,9 +290,9 @@ def new_share(evidence: Evidence, frames: Sequence[int], poses: Floats[F, P]) ->
     before: dict[int, Floats] = {}
     for frame, pose in zip(frames, poses, strict=True):
         left: dict[int, Floats] = {}
-        terms = evidence.of(frame).terms
+        terms = likelihood.of(frame).terms
         for term in terms.keypoints if only_camera(terms) is not None else ():
-            bones = evidence.model.bones(pose)
+            bones = likelihood.model.bones(pose)
             joints, _ = term.misses(bones)
             off = term.rows(bones).residual.reshape(-1, 2).clip(-_LARGEST, _LARGEST)
             left |= dict(zip(joints.tolist(), off, strict=True))

@@ -122,7 +122,7 @@ def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cove
         point, one view is enough; without views everything is visible.
     """
     (cloud, cloud_area), (distances, map_low, map_spacing) = cloud, distances
-    (sights, sight_start), (rotations, places) = eyes, laid
+    (directions, sight_start), (rotations, places) = eyes, laid
     points, normals, point_area, middle, reach = shape
     field, field_low, field_spacing = field
     out = np.empty((rotations.shape[0], places.shape[0]))
@@ -140,7 +140,7 @@ def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cove
         for w in range(views):
             by_all[:] = True
             for e in range(sight_start[w], sight_start[w + 1]):
-                mark_visible(points, normals, turn, sights[e], picture, by_one)
+                mark_visible(points, normals, turn, directions[e], picture, by_one)
                 for n in range(count):
                     by_all[n] = by_all[n] and by_one[n]
             for n in range(count):

@@ -15,14 +15,14 @@ from handtrack.observation.observation import UNKNOWN, Silhouette
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
 from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.search.evidence.hand_shapes import (
+from handtrack.tracking.search.scores.hand_shapes import (
     PALM_DEEP_M,
     PIECE_M,
     HandShape,
     group_middles,
     palm_middle,
 )
-from handtrack.tracking.search.evidence.score_kernels import silhouette_scores
+from handtrack.tracking.search.scores.score_kernels import silhouette_scores
 
 _REACH_M = 0.4  # of the box around where the lines of sight meet: a hand and some arm
 _SIDE_M = 0.01  # of a cell; twice that in the coarse grid, whose cells are halved
@@ -118,8 +118,8 @@ _LEAST_SEEN = 0.25  # share of a box that counts as the whole
 
 
 @array_dataclass
-class SilhouetteEvidence:
-    """One frame's silhouettes, reduced; made by `silhouette_evidence`."""
+class SilhouetteScore:
+    """One frame's silhouettes, reduced; made by `silhouette_score`."""
 
     whole: tuple[Silhouette, ...]
     small: tuple[Silhouette, ...]
@@ -147,14 +147,14 @@ class SilhouetteEvidence:
     def _scored(self) -> tuple[Silhouette, ...]:
         """Return the silhouettes that scores look at: of many, those whose lines of sight differ most."""
         middle = self.cells.mean(axis=0)
-        sights = np.stack([s.camera.centre - middle for s in self.small])
-        sights /= np.linalg.norm(sights, axis=1, keepdims=True)
+        directions = np.stack([s.camera.centre - middle for s in self.small])
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         chosen = [0]
         while len(chosen) < min(_MOST_SCORED, len(self.small)):
             # seen from behind, an outline is the same
-            alike = np.abs(sights @ sights[chosen].T).max(axis=1)
-            alike[chosen] = np.inf
-            chosen.append(int(np.argmin(alike)))
+            similarity = np.abs(directions @ directions[chosen].T).max(axis=1)
+            similarity[chosen] = np.inf
+            chosen.append(int(np.argmin(similarity)))
         return tuple(self.small[i] for i in sorted(chosen))
 
     @cached_property
@@ -255,7 +255,7 @@ class SilhouetteEvidence:
         return count
 
 
-def silhouette_evidence(silhouettes: Sequence[Silhouette]) -> SilhouetteEvidence | None:
+def silhouette_score(silhouettes: Sequence[Silhouette]) -> SilhouetteScore | None:
     """Return silhouettes made ready for the search; None where they outline nothing, or nothing in common."""
     seen = [s for s in silhouettes if (s.mask > 0.5).any() and not s.fills_image]
     cells, depth = visual_hull(seen)
@@ -263,7 +263,7 @@ def silhouette_evidence(silhouettes: Sequence[Silhouette]) -> SilhouetteEvidence
         return None
     middle = cells.mean(axis=0)
     small = tuple(_reduced(s, middle) for s in seen)
-    return SilhouetteEvidence(tuple(seen), small, cells, depth)
+    return SilhouetteScore(tuple(seen), small, cells, depth)
 
 
 def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:
