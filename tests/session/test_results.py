@@ -95,7 +95,7 @@ import numpy as np
 
 name, folder = "handtrack.tracking.frame.result", Path(sys.argv[1])
 found = importlib.util.find_spec(name)
-source, end = Path(found.origin).read_text(encoding="utf-8"), "\\n\\n\\nFIELDS = "
+source, end = Path(found.origin).read_text(encoding="utf-8"), "\\n\\n\\n@array_dataclass\\nclass Step:"
 assert source.count(end) == 1
 added = '''
     grip_n: float = field(default=float("nan"), metadata=column(gaps="missing", unit="N", meaning="force"))

@@ -112,7 +112,7 @@ def test_the_engine_scores_the_pose_that_is_shown(tmp_path, left_open):
     posed(store, 5, by=0.05)
     document.show(5)
     live.since = 0.0
-    live.tell()
+    live.report()
     (found,) = told
     assert (found.frame, found.values) == (5, tuple(document.shown.tolist()))
     assert not live.is_due

@@ -82,7 +82,7 @@ def test_frames_and_the_iterations_of_one(run, results, tmp_path):
 
 def test_a_live_viewer_and_a_file_at_once(run, results, tmp_path):
     path, told = tmp_path / "run.rrd", []
-    recorder = ResidualRecorder(run, True, path, tell=told.append)
+    recorder = ResidualRecorder(run, True, path, report=told.append)
     recorder.show(results[0])
     eventually(lambda: told)  # and it answers
     page = urllib.request.urlopen(told[0].partition("?")[0], timeout=60).read()
