@@ -95,7 +95,7 @@ def frame_columns(
     """
     yield "frame", track.frame, "number of the frame, from 0"
     yield "time_s", track.time_s, "time [s]"
-    meaning = "0 tracked, 1 low confidence, 2 lost (holds the last estimate), 3 set by hand"
+    meaning = "0 tracked, 1 doubtful, 2 lost (holds the last estimate), 3 set by hand"
     yield "status", track.status, meaning
     meaning = "final cost; comparable within a session only"
     yield "energy", track.energy, meaning
