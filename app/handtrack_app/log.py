@@ -24,10 +24,10 @@ class _OwnFile(RotatingFileHandler):
 
     def _open(self) -> TextIOWrapper:
         Path(self.baseFilename).parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        result = os.open(self.baseFilename, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+        descriptor = os.open(self.baseFilename, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
         if hasattr(os, "fchmod"):
-            os.fchmod(result, 0o600)  # one that was there before
-        return TextIOWrapper(open(result, "ab"), encoding=self.encoding)
+            os.fchmod(descriptor, 0o600)  # one that was there before
+        return TextIOWrapper(open(descriptor, "ab"), encoding=self.encoding)
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Say nothing."""

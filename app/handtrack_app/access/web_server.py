@@ -228,10 +228,10 @@ def cookie_name(host: str) -> str:
 
 def _only(request: Request, name: str) -> str | None:
     """Return a header; None where it is missing. Raises Rejected where it stands twice."""
-    result = request.headers.get_all(name)
-    if len(result) > 1:
-        raise Rejected(HTTPStatus.BAD_REQUEST, f"The request has {len(result)} headers {name}.")
-    return result[0] if result else None
+    values = request.headers.get_all(name)
+    if len(values) > 1:
+        raise Rejected(HTTPStatus.BAD_REQUEST, f"The request has {len(values)} headers {name}.")
+    return values[0] if values else None
 
 
 def _name(url: str) -> str:

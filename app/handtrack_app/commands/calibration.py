@@ -98,17 +98,17 @@ def calibrate(options: CalibrateOptions) -> int:
 
 
 def _inputs(options: CalibrateOptions) -> _Inputs:
-    result = _Inputs()
+    inputs = _Inputs()
     uses = (("shared", "--camera", options.camera), ("alone", "--intrinsics", options.intrinsics))
     for use, option, given in uses:
         for name, parts in given.items():
             source = _source(parts, f"{option} {name}", options.bayer, synchronised=use == "shared")
-            result.setdefault(name, {})[use] = source
-    if not result:
+            inputs.setdefault(name, {})[use] = source
+    if not inputs:
         raise HandtrackError(
             "no camera given: --camera NAME=FILES (images, a folder or a video), once per camera."
         )
-    return result
+    return inputs
 
 
 def _expanded(part: str, where: str) -> list[Path]:
@@ -116,8 +116,8 @@ def _expanded(part: str, where: str) -> list[Path]:
     if path.is_dir():
         files = [p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
     else:
-        result = [path] if path.is_file() else map(Path, glob.glob(part, recursive=True))
-        files = [p for p in result if p.is_file()]
+        paths = [path] if path.is_file() else map(Path, glob.glob(part, recursive=True))
+        files = [p for p in paths if p.is_file()]
     if not files:
         raise HandtrackError(
             f"{where}: nothing found at {part}; expected images, a folder of them, or a video."
@@ -153,7 +153,7 @@ def _searched(inputs: _Inputs, board: Board, most: int) -> list[CameraViews]:
         for use, source in sources.items()
     ]
     total = sum(sum(source.has(frame) for frame in frames) for *_, source, frames in plans)
-    results: dict[str, CameraViews] = {}
+    searched: dict[str, CameraViews] = {}
     with progress_bar(total, "looking for the board") as bar:
         for name, use, source, frames in plans:
             views, size, tried = search_views(source, board, frames, bar.update)
@@ -161,14 +161,14 @@ def _searched(inputs: _Inputs, board: Board, most: int) -> list[CameraViews]:
                 raise HandtrackError(
                     f"camera '{name}': no image could be read from {source.where}."
                 )
-            before = results.get(name) or CameraViews(name, size, (), (), 0, source.where)
+            before = searched.get(name) or CameraViews(name, size, (), (), 0, source.where)
             if before.size != size:
                 raise HandtrackError(
                     f"camera '{name}': images for the lens alone are {size[0]} x {size[1]}, the others "
                     f"{before.size[0]} x {before.size[1]}; expected one size."
                 )
-            results[name] = replace(before, tried=tried + before.tried, **{use: tuple(views)})
-    return list(results.values())
+            searched[name] = replace(before, tried=tried + before.tried, **{use: tuple(views)})
+    return list(searched.values())
 
 
 def _some_images(inputs: _Inputs, cameras: Sequence[CameraViews]) -> list[Array]:

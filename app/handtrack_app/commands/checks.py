@@ -36,11 +36,11 @@ def check_model(file: Path, out: Path | None, json: bool) -> int:
         if out.exists():
             raise HandtrackError(f"--out {out}: there is such a file already; name another one.")  # fmt: skip
     model = load_model(file)
-    result = findings(model)
+    odd = findings(model)
     report = {
         "name": model.name, "kind": model.kind, "bones": len(model.skeleton.bone_names),
         "freedoms": list(model.parameter_names[6:]), "joints": list(model.joint_names),
-        "ellipsoids": {key: len(ellipsoids.bone) for key, ellipsoids in model.flesh.items()}, "findings": result, "output": out,
+        "ellipsoids": {key: len(ellipsoids.bone) for key, ellipsoids in model.flesh.items()}, "findings": odd, "output": out,
     }  # fmt: skip
     if out is not None:
         is_robot = out.suffix.lower() == _ROBOT
@@ -51,10 +51,10 @@ def check_model(file: Path, out: Path | None, json: bool) -> int:
     )
     words = (
         f"{model.name}: {report['bones']} bones, {len(report['freedoms'])} freedoms besides the root's six, "
-        f"{len(report['joints'])} joints, {shapes}. {'Nothing odd was found.' if not result else ''}"
+        f"{len(report['joints'])} joints, {shapes}. {'Nothing odd was found.' if not odd else ''}"
     )
     written = [] if out is None else [f"written to {out}; to use it: [hand], model in a session, or load_model()"]  # fmt: skip
-    answer(json, report, words.rstrip(), *(f"warning: {text}" for text in result), *written)
+    answer(json, report, words.rstrip(), *(f"warning: {text}" for text in odd), *written)
     return 0
 
 
@@ -63,22 +63,22 @@ def findings(model: ArticulatedModel) -> list[str]:
     low, high = model.limits.interval[6:].T
     names, bones = model.parameter_names[6:], model.skeleton.bone_names
     rest = model.rest[6:]
-    results = [f"freedom '{n}' has no room: its limits are equal" for n, a, b in zip(names, low, high) if a == b]  # fmt: skip
-    results += [
+    odd = [f"freedom '{n}' has no room: its limits are equal" for n, a, b in zip(names, low, high) if a == b]  # fmt: skip
+    odd += [
         f"freedom '{name}': its rest of {np.rad2deg(r):.0f}° is outside of its limits"
         for name, r, a, b in zip(names, rest, low, high) if not a - 1e-9 <= r <= b + 1e-9
     ]  # fmt: skip
     bare = [bone for b, bone in enumerate(bones) if b not in set(model.flesh["fine"].bone.tolist())]
     moving = {bones[b] for b in model.skeleton.hinge_bone}
     last = [b for b in bare if b in moving and bones.index(b) not in model.skeleton.parent]
-    results += [f"bone '{bone}' moves but has no ellipsoid: silhouettes cannot measure it" for bone in last]  # fmt: skip
+    odd += [f"bone '{bone}' moves but has no ellipsoid: silhouettes cannot measure it" for bone in last]  # fmt: skip
     ellipsoids = model.flesh["fine"]
     thin = np.flatnonzero(ellipsoids.radii.min(axis=1) < _THIN_M)
-    results += [f"ellipsoid {bones[ellipsoids.bone[n]]}_{n} is thinner than 0.1 mm" for n in thin]
+    odd += [f"ellipsoid {bones[ellipsoids.bone[n]]}_{n} is thinner than 0.1 mm" for n in thin]
     size = float(np.ptp(model.joint_positions(model.bones(model.rest_params())), axis=0).max())
     if not _SIZES_M[0] < size < _SIZES_M[1]:
-        results.append(f"its joints are {size:.3g} m apart at most: is the unit wrong? Definitions are in millimetres, URDF in metres")  # fmt: skip
-    return results
+        odd.append(f"its joints are {size:.3g} m apart at most: is the unit wrong? Definitions are in millimetres, URDF in metres")  # fmt: skip
+    return odd
 
 
 def definition_text(table: Mapping[str, object], source: Path) -> str:
@@ -154,20 +154,20 @@ def measure_spread(poses: Path, json: bool) -> int:
     """Print the four settings as lines of [tracking], and how well they explain what was seen."""
     track = read_npz(poses)
     try:
-        result = spread_of_track(track)
+        spread = spread_of_track(track)
     except HandtrackError as error:
         raise HandtrackError(f"{poses}: {error}") from None
-    settings = result.settings()
+    settings = spread.settings()
     report = {
         "settings": settings,
-        "frames": result.frames,
-        "residual_rad": result.residual_rad,
-        "explained": result.explained,
+        "frames": spread.frames,
+        "residual_rad": spread.residual_rad,
+        "explained": spread.explained,
     }
     answer(json, report, *(f"{name} = {value:g}" for name, value in settings.items()))
     print_status(
-        f"from {result.frames} {'frame' if result.frames == 1 else 'frames'}; the linkage leaves {np.rad2deg(result.residual_rad):.1f}° of the abductions unexplained "
-        f"({100 * result.explained:.0f} % of their squares explained). Use with model.coupling = 18."
+        f"from {spread.frames} {'frame' if spread.frames == 1 else 'frames'}; the linkage leaves {np.rad2deg(spread.residual_rad):.1f}° of the abductions unexplained "
+        f"({100 * spread.explained:.0f} % of their squares explained). Use with model.coupling = 18."
     )
     return 0
 

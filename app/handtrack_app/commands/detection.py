@@ -86,26 +86,26 @@ def detect(options: DetectOptions) -> int:
             detection.step(frame)
             bar.update()
         stop.shielded = True
-        result = detection.write()
+        rows = detection.write()
     seconds = time.monotonic() - started
-    where = [row.camera for row in result if row.found]
+    where = [row.camera for row in rows if row.found]
     changes: dict[str, Any] = {**session_changes(session, where)}
-    often = [row.camera for row in result if row.found >= _MOST * row.images]
+    often = [row.camera for row in rows if row.found >= _MOST * row.images]
     masks = mask_changes(session, [name for name in often if name in where])
     if options.masks:
         changes |= masks
     by = " Masks are made by them (method seeded)." if options.masks and masks else ""
     used = f"{by} `handtrack track` takes them beside all else."
     to_use = _used(session, changes, options.write, used) if changes else []
-    note(*_notes(session, result), *session.warnings)
-    cameras = {row.camera: asdict(row) for row in result}
+    note(*_notes(session, rows), *session.warnings)
+    cameras = {row.camera: asdict(row) for row in rows}
     report = {
         "cameras": cameras, "session_file": changes, "written": options.write, "seconds": seconds,
         "backend": detector.backend, "interrupted": stop.asked,
     }  # fmt: skip
     lines = [
         f"{row.camera}: found in {row.found} of {row.images} images ({100 * row.found / max(row.images, 1):.1f} %)."
-        for row in result
+        for row in rows
     ]
     lines += [f"Joints are in {session.folder / KEYPOINTS_FOLDER}.", *to_use]
     if masks and not options.masks:
@@ -219,7 +219,7 @@ def match_stereo(session: Path, frames: str | None, out: Path | None, json: bool
     names = settings.stereo or _pairs(opened)
     pairs = tuple((opened.view(a), opened.view(b)) for a, b in names)
     source = StereoClouds(pairs, settings.matching)
-    note(*(result.text for result in check_synchrony(opened) if result.severity == "warning"))
+    note(*(finding.text for finding in check_synchrony(opened) if finding.severity == "warning"))
     print_status("pairs: " + ", ".join(f"{a} and {b}" for a, b in names))
     folder.mkdir(parents=True, exist_ok=True)
     counts: list[int] = []
@@ -267,7 +267,7 @@ def _summarise(
 def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
     """Return the pairs of cameras with images that look the same way; session.toml names none."""
     views = [view for view in session.views if view.images is not None]
-    results = []
+    pairs = []
     for a, b in combinations(views, 2):
         cosine = np.clip(a.camera.rotation[2] @ b.camera.rotation[2], -1.0, 1.0)
         if np.degrees(np.arccos(cosine)) > _MOST_APART_DEG:
@@ -276,14 +276,14 @@ def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
             rectified(a.camera, b.camera)
         except HandtrackError:
             continue  # cameras in one place, or one before the other
-        results.append((a.name, b.name))
-    if not results:
+        pairs.append((a.name, b.name))
+    if not pairs:
         raise HandtrackError(
             f"{session.folder}: no two cameras with images look in directions less than "
             f"{_MOST_APART_DEG:g} degrees apart, so there is no pair to match. Name pairs in "
             'session.toml: [clouds], stereo = [["left", "right"]].'
         )
-    return tuple(results)
+    return tuple(pairs)
 
 
 # ---- `handtrack detector install`: the detector's weights for all sessions of this user, fetched or copied

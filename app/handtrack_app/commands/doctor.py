@@ -25,7 +25,7 @@ def check_session(session: Path, picture: Path | None, json: bool) -> int:
     opened.check_init()
     findings = examine(opened)
     keep_audits(opened.folder, opened.videos)
-    findings = sorted(findings, key=lambda result: -SEVERITIES.index(result.severity))
+    findings = sorted(findings, key=lambda found: -SEVERITIES.index(found.severity))
     counts = {kind: sum(f.severity == kind for f in findings) for kind in ("error", "warning")}
     odd = [f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n]
     lines = [f"{finding.severity}: {finding.text}" for finding in findings]

@@ -93,8 +93,8 @@ def _foreign(track: TrackResult, poses: Path, folder: Path) -> list[str]:
     with suppress(HandtrackError):  # a session that cannot be read: its result can all the same
         session = Session.open(folder)
         own = poses.resolve() == (folder / POSES_FILE).resolve()
-        result = foreign_takes(Store(folder / TRACKS_FOLDER), session) if own else []
-        return result or foreign_result(track, str(poses), session)
+        warnings = foreign_takes(Store(folder / TRACKS_FOLDER), session) if own else []
+        return warnings or foreign_result(track, str(poses), session)
     return []
 
 
@@ -153,17 +153,17 @@ def _compare(
     as_json: bool, store: Store, session: Session, numbers: list[int], frames: range | None
 ) -> None:
     takes = [store.take(number) for number in numbers]
-    result = compared(*(take.track(frames) for take in takes))
+    differences = compared(*(take.track(frames) for take in takes))
     if session.truth is not None:
         for take in takes:
             error = evaluate(take.track(frames), session.truth)["mpjpe_tracked_mm"]
-            result[f"take_{take.number}_error_mm"] = error
+            differences[f"take_{take.number}_error_mm"] = error
     for take in takes:
         overlap = _overlap(session, take, frames)
         if overlap is not None:
-            result[f"take_{take.number}_overlap"] = overlap
-    shown = {name: "-" if value is None else f"{value:.4g}" for name, value in result.items()}
-    answer(as_json, result, *(f"{name:28s} {value}" for name, value in shown.items()))
+            differences[f"take_{take.number}_overlap"] = overlap
+    shown = {name: "-" if value is None else f"{value:.4g}" for name, value in differences.items()}
+    answer(as_json, differences, *(f"{name:28s} {value}" for name, value in shown.items()))
 
 
 def _overlap(session: Session, take: Take, frames: range | None) -> float | None:

@@ -86,18 +86,18 @@ def _choose(options: ServerOptions, web: WebServer | None = None) -> int:
 
     port = FIRST_PORT if options.port is None else options.port
     use_one_arena()
-    report = ""
+    problem = ""
     while True:
         port, token = (port, None) if web is None else (web.port, web.token)
-        chosen = choose_recording(options.host, port, not options.no_browser, token, report)
+        chosen = choose_recording(options.host, port, not options.no_browser, token, problem)
         if chosen is None:
             return 0
         folder, web = chosen
         try:
             web = _serve(options, folder, web=web)
-            report = ""
+            problem = ""
         except HandtrackError as error:  # the page says so, and another may be chosen
-            report = str(error)
+            problem = str(error)
         if web is None:
             return 0
 

@@ -534,8 +534,8 @@ class Document:
         truth, model = self.truth_at(frame), self.model
         if truth is None:
             return float("nan")
-        result = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
-        return mean_error_mm(result, truth)
+        points = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
+        return mean_error_mm(points, truth)
 
     def decided_pose(self, frame: int) -> DecidedPose:
         """Return what was decided of a frame's pose; an empty one where nothing was."""
@@ -606,7 +606,7 @@ class Document:
         """Corrections of the cameras that are surely off, as the track's last estimate of the whole recording found them, and
         that do not count yet.
         """
-        session, result = self.run.session, dict[str, CameraCorrection]()
+        session, corrections = self.run.session, dict[str, CameraCorrection]()
         for span in reversed(self.laid):
             take = self.takes.get(span.take)
             if take is None or take.refinement is None:
@@ -616,9 +616,9 @@ class Document:
                 known = error.name in session.rig and bool(error.words)
                 if known and (earlier is None or span.take > earlier.take):
                     digest = session.calibration_digest(error.name)
-                    result[error.name] = CameraCorrection(error, span.take, digest)
+                    corrections[error.name] = CameraCorrection(error, span.take, digest)
             break
-        return result
+        return corrections
 
     # ---- what session.toml may have otherwise
 

@@ -147,10 +147,10 @@ def mask_card(document: Document) -> MaskCard:
 def possible_masks(document: Document, view: View) -> tuple[str, ...]:
     """Return the mask methods that a camera has what it takes for; files where session.toml names some."""
     settings, saved = view.settings, document.saved.masks[view.name][0]
-    results = [n for n, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
+    names = [n for n, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
     if settings.keypoints is None:
-        results = [name for name in results if name != "seeded"]
-    return (*results, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
+        names = [name for name in names if name != "seeded"]
+    return (*names, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
 
 
 def pose_snapshot(document: Document) -> PoseSnapshot:
@@ -204,10 +204,10 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
         error = lanes.setdefault(ERROR, np.full(len(rows.frames), np.nan))
         error[frame - rows.frames.start] = _given_error_mm(document, frame)
     hand = tuple(sorted(document.by_hand))
-    results = tuple(frame for frame in hand if document.decided_pose(frame).found)
+    searched = tuple(frame for frame in hand if document.decided_pose(frame).found)
     return TimelineSnapshot(
         rows.frames.start, rows.status.copy(), {word: row for word, row in lanes.items() if np.isfinite(row).any()}, hand,
-        results, document.marked, queue(document), resolved(document.laid, document.takes.frames_of),
+        searched, document.marked, queue(document), resolved(document.laid, document.takes.frames_of),
         resolved(document.hidden, document.takes.frames_of), document.is_posed,
         {name: one.error.figures for name, one in document.camera_errors.items()},
         document.run.session.corrected,
@@ -294,7 +294,7 @@ def pin_cards(document: Document, frame: int, bones: BonePoses) -> tuple[PinCard
     pins = [pin for pin in session.pins.of(frame) if pin.is_on(*names)]
     if not pins:
         return ()
-    places, result = bones.to_world(*pinned_places(model, pins)), []
+    places, shown = bones.to_world(*pinned_places(model, pins)), []
     for n, pin in enumerate(pins):
         place = np.asarray(places[n])
         camera = session.rig[pin.camera].without_distortion()
@@ -302,5 +302,5 @@ def pin_cards(document: Document, frame: int, bones: BonePoses) -> tuple[PinCard
         meant = camera.centre + ray * max(float((place - camera.centre) @ ray), 0.0)
         off = float(np.linalg.norm(camera.project(place[None])[0] - pin.pixel))
         words = Hold(pin.joint, pin.bone).words
-        result.append(PinCard(pin.camera, words, pin.pixel, place, meant, off))
-    return tuple(result)
+        shown.append(PinCard(pin.camera, words, pin.pixel, place, meant, off))
+    return tuple(shown)

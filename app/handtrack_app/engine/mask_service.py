@@ -103,22 +103,22 @@ def carry(
 
     reach: as far as it is carried, `frame` among them. is_painted: whether a camera's own frame was corrected by hand.
     """
-    results: dict[tuple[str, int], Correction] = {}
+    carried: dict[tuple[str, int], Correction] = {}
     ways = (range(frame + 1, reach.stop), range(frame - 1, reach.start - 1, -1))
     total = max(len(views) * sum(map(len, ways)), 1)
     for view in views:
         for way in ways:
             for at, correction in _carried(view, frame, way, is_painted):
-                results[at] = correction
-                share = min(len(results) / total, 0.99)
+                carried[at] = correction
+                share = min(len(carried) / total, 0.99)
                 job.show_progress(share, f"carrying the correction of {view.name}")
                 if job.should_stop():
                     return
-    if not results:
+    if not carried:
         raise HandtrackError(
             "There is nothing to propagate: no camera that is corrected in this frame has uncorrected images in the frames beside it."
         )
-    job.report(results)
+    job.report(carried)
 
 
 def _carried(
@@ -210,15 +210,15 @@ class MaskService(PreviewService):
     def _changed(self, camera: str, values: Mapping[str, object]) -> Edit:
         """Return the edit of one camera's masks, or of all that have what it takes. Raises HandtrackError."""
         session = self.document.run.session
-        result, why = dict[str, MaskSource](), ""
+        sources, why = dict[str, MaskSource](), ""
         for view in [session.view(camera)] if camera else session.views:
             try:
-                result[view.name] = self._source(view, dict(values))
+                sources[view.name] = self._source(view, dict(values))
             except HandtrackError as error:
                 why = str(error)
-        if not result:
+        if not sources:
             raise HandtrackError(why)
-        return decide(masks=result)
+        return decide(masks=sources)
 
     def _source(self, view: View, values: dict[str, object]) -> MaskSource:
         """Return where a camera's masks come from with other values. Raises HandtrackError."""

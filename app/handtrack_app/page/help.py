@@ -84,8 +84,8 @@ class Help:
         """Show all keys."""
         with self.page.dialog(client, "Keys and gestures"):
             search = client.gui.add_text("Search", "")
-            result = client.gui.add_html(self.table())
-        search.on_update(lambda event: put(result, content=self.table(str(event.target.value))))
+            listed = client.gui.add_html(self.table())
+        search.on_update(lambda event: put(listed, content=self.table(str(event.target.value))))
 
     def table(self, wanted: str = "") -> str:
         """Return gestures and keys, or those of them that hold some words."""

@@ -73,7 +73,7 @@ def detected_joints(folder: Path) -> dict[str, Bytes[H, W, D3]]:
     session = Session.open(folder)
     middle = session.frame_range[session.frame_count // 2]
     return {
-        view.name: small_picture(image, [result.pixels for result in view.keypoints(middle, 1.0)])
+        view.name: small_picture(image, [joints.pixels for joints in view.keypoints(middle, 1.0)])
         for view in session.views
         if (image := view.image(middle)) is not None
     }

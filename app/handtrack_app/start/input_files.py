@@ -86,12 +86,12 @@ def _project(folder: Path, calibration: Path | None) -> InputFiles:
 
 def _matched(videos: list[Path], names: list[str]) -> dict[str, Path]:
     """Return videos by camera: those whose names hold a camera's, else all by their own names, which `new` compares."""
-    results: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for name in sorted(names, key=len, reverse=True):  # cam10 before cam1
-        like = [p for p in videos if p not in results.values() and name.lower() in p.stem.lower()]
+        like = [p for p in videos if p not in files.values() and name.lower() in p.stem.lower()]
         like = like or [
-            p for p in videos if p not in results.values() and name.lower() == p.parent.name.lower()
+            p for p in videos if p not in files.values() and name.lower() == p.parent.name.lower()
         ]
         if len(like) == 1:
-            results[name] = like[0]
-    return {n: results[n] for n in names if n in results} or {path.stem: path for path in videos}
+            files[name] = like[0]
+    return {n: files[n] for n in names if n in files} or {path.stem: path for path in videos}

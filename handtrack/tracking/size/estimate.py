@@ -9,7 +9,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from handtrack.arrays import D2, Array, F, Floats, K, N, P, array_dataclass
+from handtrack.arrays import D2, Array, C, F, Floats, K, N, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters
@@ -136,6 +136,11 @@ class WholeEstimate:
     def speeds(self) -> Floats[F, P]:
         """What each pose changes a frame."""
         return velocities(self.poses)
+
+    @cached_property
+    def moments(self) -> Floats[C, F]:
+        """How much later than a frame each camera saw the image looked at beside it [frames]."""
+        return self.cameras.moments(len(self.poses))
 
     @cached_property
     def scale(self) -> HandScale | None:

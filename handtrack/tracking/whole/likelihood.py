@@ -113,8 +113,7 @@ class FrameLikelihood(FrameProblem):
             keypoints=tuple(map(corrected, self.terms.keypoints)),
             pins=tuple(map(corrected, self.terms.pins)),
         )
-        later = changes.moments(len(found.poses))[:, n]
-        own = dict(zip(changes.names, later.tolist(), strict=True))
+        own = dict(zip(changes.names, found.moments[:, n].tolist(), strict=True))
         terms = at_camera_times(terms, own, pose, found.speeds[n])
         return terms, stage_problem(terms, pose)
 

@@ -198,7 +198,7 @@ def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     detected = any(isinstance(one, ImageKeypoints) for one in points)
     likelihood = replace(likelihood, wide=detected and likelihood.model.kind == "hand")
     timed = estimate.duration_s >= NEW_POSE_S
-    later = [likelihood.frames_later.get(frame, {}) for frame in estimate.frames]
+    later = [likelihood.frames_later[frame] for frame in estimate.frames]  # `new_share` read all
     cameras = CameraChanges.of([one for one, _ in samples], later)
     cameras = cameras.finding(OUTLINE | TIME if timed else OUTLINE)
     return replace(estimate, likelihood=likelihood.sharing(likelihood.shared.through(cameras)))

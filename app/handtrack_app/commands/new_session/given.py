@@ -89,11 +89,11 @@ def given_rig(
         subject = subject_in_views(subject, views)
         in_units = shown.rig(1.0)
         length = _length(in_units, subject)
-        result = unit_of(given, length, subject.kind) if unit_m is None else Unit(unit_m, True, "")
+        unit = unit_of(given, length, subject.kind) if unit_m is None else Unit(unit_m, True, "")
         chosen = (
-            result.unit_m
-            if result.sure and result.unit_m
-            else _asked(result, where, options.yes, subject.kind.word)
+            unit.unit_m
+            if unit.sure and unit.unit_m
+            else _asked(unit, where, options.yes, subject.kind.word)
         )
         rig = shown.rig(chosen)
     except HandtrackError as error:
@@ -103,7 +103,7 @@ def given_rig(
         ) from None
     notes = [
         assumed,
-        f"unit: {result.why if result.sure else f'{chosen:g} m.'}" if unit_m is None else "",
+        f"unit: {unit.why if unit.sure else f'{chosen:g} m.'}" if unit_m is None else "",
     ]
     if length is not None and not subject.kind.fits(length * chosen):
         notes.append(
@@ -294,5 +294,5 @@ def with_project(options: NewOptions) -> tuple[NewOptions, Pose2SimProject | Non
     return filled, project
 
 
-def _filled(given: Mapping[str, str], results: Mapping[str, object]) -> dict[str, str]:
-    return {**given, **{name: str(path) for name, path in results.items() if name not in given}}
+def _filled(given: Mapping[str, str], theirs: Mapping[str, object]) -> dict[str, str]:
+    return {**given, **{name: str(path) for name, path in theirs.items() if name not in given}}

@@ -293,7 +293,7 @@ class GivenSubject:
     @property
     def side(self) -> str | None:
         """Which hand it is, where a file says it."""
-        return next((result.side for result in self.joints.values() if result.side), None)
+        return next((joints.side for joints in self.joints.values() if joints.side), None)
 
 
 def joint_regions(
@@ -321,15 +321,15 @@ def subject_in_views(subject: GivenSubject, views: Mapping[str, LensView]) -> Gi
     if not views:
         return subject
     bent = {view.camera for view in views.values()}
-    results = {name: joints for name, joints in subject.joints.items() if name not in bent}
+    straight = {name: joints for name, joints in subject.joints.items() if name not in bent}
     for name, observed in views.items():
         joints = subject.joints.get(observed.camera)
         if joints is not None:
             frames = {
                 f: _in_view(p, observed) for f, p in joints.pixels(observed.lens.size).items()
             }
-            results[name] = replace(joints, frames=frames, is_share=False)
-    return replace(subject, joints=results)
+            straight[name] = replace(joints, frames=frames, is_share=False)
+    return replace(subject, joints=straight)
 
 
 def _in_view(points: Floats[N, D3], view: LensView) -> Floats[N, D3]:

@@ -247,17 +247,17 @@ def stereo_pictures(view: StereoView) -> dict[str, Bytes[H, W, D3]]:
     """
     rows, columns, moved = _cut(view)
     left, right = (np.asarray(i[..., ::-1], np.uint8).copy() for i in (view.left, view.right))
-    result = view.disparity[rows, columns]
+    disparity = view.disparity[rows, columns]
     grey = np.asarray(left[rows, columns].mean(axis=2) * 0.4, np.uint8)
     thrown = np.repeat(grey[..., None], 3, axis=2)
-    kept = np.isfinite(result)
+    kept = np.isfinite(disparity)
     thrown[kept] = np.clip(thrown[kept].astype(int) + 40, 0, 255)
     for number in range(1, len(REJECTED)):
         thrown[view.rejected[rows, columns] == number] = REJECTS[number]
     return {
         "left, rectified": _with_lines(left[rows, columns]),
         "right, rectified": _with_lines(right[rows, moved]),
-        "disparity": _coloured(np.where(kept, result, np.nan)),
+        "disparity": _coloured(np.where(kept, disparity, np.nan)),
         "rejected": thrown,
     }
 

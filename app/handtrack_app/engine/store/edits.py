@@ -114,17 +114,17 @@ def clouds(settings: CloudSettings) -> Edit:
 def corrected_cameras(document: Document, cameras: Sequence[str]) -> Edit:
     """Correct cameras by what the estimate of the whole recording found of them. Raises HandtrackError."""
     known, earlier = document.camera_errors, document.run.session.corrections
-    results = dict[str, CameraCorrection]()
+    corrections = dict[str, CameraCorrection]()
     for camera in cameras:
         if camera not in known:
             raise HandtrackError(
                 f"No error of camera '{camera}' was estimated, or it is corrected already."
             )
-        results[camera] = known[camera]
+        corrections[camera] = known[camera]
         if camera in earlier:
             error = known[camera].error.after(earlier[camera].error)
-            results[camera] = msgspec.structs.replace(known[camera], error=error)
-    return decide(camera=results)
+            corrections[camera] = msgspec.structs.replace(known[camera], error=error)
+    return decide(camera=corrections)
 
 
 def arm_in_view(document: Document) -> Edit:

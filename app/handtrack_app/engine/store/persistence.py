@@ -105,13 +105,13 @@ class OpenTake:
 def restored_message(document: Document) -> str:
     """Return the sentence; empty where there is nothing."""
     state = document.state
-    result = sum(document.decided_pose(frame).found for frame in document.by_hand)
+    searched = sum(document.decided_pose(frame).found for frame in document.by_hand)
     parts = [
         f"{count} {one if count == 1 else many}"
         for count, one, many in (
             (len(document.results), "tracked frame", "tracked frames"),
-            (len(document.by_hand) - result, "pose set by hand", "poses set by hand"),
-            (result, "pose found", "poses found"),
+            (len(document.by_hand) - searched, "pose set by hand", "poses set by hand"),
+            (searched, "pose found", "poses found"),
             (
                 len(state.setting) + len(state.limits) + len(document.unsaved("clouds")),
                 "changed setting",

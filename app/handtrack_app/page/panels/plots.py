@@ -43,11 +43,11 @@ def plot_data(curve: Curve, window: Window) -> dict[str, Floats[N]]:
     if len(curve.truth):
         lines["truth"] = curve.truth
     edges = window.columns()
-    results = {"frame": np.floor((edges[:-1] + edges[1:] - 1) / 2)}
+    columns = {"frame": np.floor((edges[:-1] + edges[1:] - 1) / 2)}
     for name, values in lines.items():
         _, least, most = extremes(values / unit_of(curve.name), window)
-        results[name] = least if name == "low" else most
-    return results
+        columns[name] = least if name == "low" else most
+    return columns
 
 
 @dataclass

@@ -26,8 +26,8 @@ def length_unit(reach_m: float) -> tuple[str, float]:
 
 def groups_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return a model's parameters by folder, in the order of the folders."""
-    results = {group: tuple(n for n in names if group_of(n) == group) for group in _ORDER}
-    return {group: members for group, members in results.items() if members}
+    groups = {group: tuple(n for n in names if group_of(n) == group) for group in _ORDER}
+    return {group: members for group, members in groups.items() if members}
 
 
 def group_of(name: str) -> str:

@@ -153,8 +153,8 @@ class SessionPanel:
     def _next_paint(self, client: viser.ClientHandle) -> None:
         """Take the next overlay."""
         now = self.page.state.look(client.client_id).paint
-        results = list(_PAINT_WORDS.values())
-        chosen = list(_PAINT_WORDS)[(results.index(now) + 1) % len(results)]
+        options = list(_PAINT_WORDS.values())
+        chosen = list(_PAINT_WORDS)[(options.index(now) + 1) % len(options)]
         internals.show_value(client, self.paint, chosen)
         self._paint(client, chosen)
 

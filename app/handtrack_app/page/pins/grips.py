@@ -308,15 +308,15 @@ def _nearest_joint(
     near_px: float,
 ) -> str | None:
     """Return the joint that lies nearest to a pixel, within so many; not one that lies far behind what is pointed at."""
-    best, result = near_px, None
+    best, nearest = near_px, None
     for name, place in zip(session.joint_names, pose.joints, strict=True):
         observed = ray_pixel(card, place - card.centre)
         if observed is None or float(np.linalg.norm(place - at)) > BEHIND * near_joint_m(session):
             continue
         off = float(np.hypot(observed[0] - pixel[0], observed[1] - pixel[1]))
         if off < best:
-            best, result = off, name
-    return result
+            best, nearest = off, name
+    return nearest
 
 
 def _on_ellipsoid(

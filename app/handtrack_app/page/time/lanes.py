@@ -428,8 +428,8 @@ def _ground(height: int) -> str:
     return f"<rect width='{WIDTH}' height='{height - 2}' fill='currentColor' opacity='.05'/>"
 
 
-def _diamond(x: float, result: bool) -> str:
-    y, colour = _CURVE - 10, (SEARCH_RESULT if result else STATUS[3])[1]
+def _diamond(x: float, is_searched: bool) -> str:
+    y, colour = _CURVE - 10, (SEARCH_RESULT if is_searched else STATUS[3])[1]
     return f"<path d='M{x:.1f} {y - 7} l5 7 l-5 7 l-5 -7 z' fill='{colour}'/>"
 
 
