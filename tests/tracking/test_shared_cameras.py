@@ -121,9 +121,8 @@ def test_clean_cameras_are_left_alone_and_predicted_at_the_time_of_each_of_their
         return replace(seen(frame), frames_later={f"cam{k}": later[k][frame] for k in (1, 2)})
 
     _, whole, found = refined(observe, POSES)
-    assert (
-        mean_off_mm(whole, TRUTH) < 0.7
-    )  # measured 0.59, in step 0.5; 2.2 with one time for all frames
+    # measured 0.59, in step 0.5; 2.2 with one time for all frames
+    assert mean_off_mm(whole, TRUTH) < 0.7
     assert all(not any(one.turn_deg) for one in found.cameras), "a first step promises too little"
     assert all(abs(one.late_frames) < 0.05 for one in found.cameras)
     assert found.why == "converged"

@@ -389,12 +389,12 @@ def _picture_and_model_are_drawn_as_one_however_large(bench, view):
         ball.remove()
         scale = view.page.evaluate(CANVAS)[3] / 2 / looks.eye.half / looks.card.matrix[1, 1]
         ball_at = middle(drawn)
-        spot = plain.min(axis=2) > 150
+        spot = plain.min(2) > 150
         rows, columns = np.indices(spot.shape)
         near = np.hypot(columns - ball_at[0], rows - ball_at[1]) < 6 * scale  # px of the image
         return np.linalg.norm(ball_at - middle(spot & near)) / scale
 
-    eventually(lambda: off() < 0.5)  # once the page has zoomed
+    eventually(lambda: off() < 0.5, timeout=0.3)  # thirty looks: once the page has zoomed and drawn
     bench.stage._marking = False
     bench.redraw()
 
@@ -412,7 +412,7 @@ def screenshot(view):
 
 
 def middle(seen):
-    """Return where the largest patch has its middle [px]."""
-    _, _, boxes, centres = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
-    assert len(boxes) > 1, "it is drawn"
-    return centres[1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA]))]
+    """Return where the largest patch has its middle [px]; NaN where nothing is drawn."""
+    *_, boxes, centres = cv2.connectedComponentsWithStats(np.uint8(seen))
+    areas = boxes[1:, cv2.CC_STAT_AREA]
+    return centres[1 + areas.argmax()] if areas.size else np.full(2, np.nan)
