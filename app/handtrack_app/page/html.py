@@ -225,6 +225,7 @@ body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([dat
 .handtrack-bordered { margin: .3em .9em .4em; padding: .15em .6em; border-left: 3px solid; font-size: 13px; line-height: 1.4; overflow-wrap: anywhere; }
 .handtrack-number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
 .handtrack-row { display: flex; gap: .8em; justify-content: space-between; }
+.handtrack-row > :first-child { overflow-wrap: normal; }
 .handtrack-row > b { text-align: right; font-variant-numeric: tabular-nums; }
 .handtrack-chip { display: inline-block; width: .7em; height: .7em; border-radius: 2px; margin-right: .4em; }
 /* in a low window, as of 150 %, the tabs need the room: the session's counts and a reason's numbers go, and the others share a line */

@@ -48,7 +48,6 @@ def check_init(session: Session) -> Iterator[Finding]:
         return
     if pose.xyz is not None:
         yield from check_palm("init.json", pose.xyz)
-        yield from check_side_of("init.json", pose.xyz, session)
     points = _joints(session, pose) if pose.xyz is None else pose.xyz
     points = points[np.isfinite(points).all(axis=1)]
     misses = [text for view in session.views if (text := _misses(view, pose.frame, points))]
@@ -120,9 +119,12 @@ def _check_pixels(session: Session, pose: FirstPose) -> Iterator[Finding]:
 
 
 def check_side(session: Session) -> Iterator[Finding]:
-    """Yield that the other hand was tracked, where there is a result and no joints that would tell."""
+    """Yield that init.json's joints are the other hand's; without them, that the result's hand is."""
+    if session.init is not None and session.init.xyz is not None:
+        yield from check_side_of("init.json", session.init.xyz, session)
+        return
     path = session.folder / POSES_FILE
-    if (session.init is not None and session.init.xyz is not None) or not path.is_file():
+    if not path.is_file():
         return
     track = read_npz(path)
     if track.side != session.file.hand.side:
