@@ -147,8 +147,8 @@ def deformations(bones: BonePoses) -> BoneFields:
             stretch[b, 3:, b, 6 + a] = np.outer(axis, axis).ravel()
             shift[b, :3, b, 9 + a] = axis
     fields = BoneFields.of_twists(twists.reshape(count, 6, -1), 100)
-    stretch, shift = stretch.reshape(fields.flesh.shape), shift.reshape(fields.flesh.shape)
-    return replace(fields, joints=fields.joints + stretch, flesh=fields.flesh + stretch + shift)
+    stretch, shift = stretch.reshape(fields.surface.shape), shift.reshape(fields.surface.shape)
+    return replace(fields, joints=fields.joints + stretch, surface=fields.surface + stretch + shift)
 
 
 def _check_cost(linearized: float, plain: float, name: str) -> None:

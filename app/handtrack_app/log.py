@@ -38,13 +38,13 @@ class _Sparing(logging.Filter):
 
     def __init__(self) -> None:
         super().__init__()
-        self._minute, self._seen = 0, {}
+        self._minute, self._counts = 0, {}
 
     def filter(self, record: logging.LogRecord) -> bool:
         minute = int(time.monotonic() // 60)
         if minute != self._minute:
-            self._minute, self._seen = minute, {}
-        observed = self._seen[record.name] = self._seen.get(record.name, 0) + 1
+            self._minute, self._counts = minute, {}
+        observed = self._counts[record.name] = self._counts.get(record.name, 0) + 1
         if observed == _A_MINUTE:
             record.msg, record.args = (
                 f"{record.getMessage()} (more are not written in this minute)",

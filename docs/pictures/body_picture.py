@@ -37,7 +37,7 @@ def body_pictures(model: ArticulatedModel) -> Bytes[H, W, D3]:
     shown = [drawn(model, parts, rest, turn) for turn in np.deg2rad((0, -40, -90, 180))]
     shown.append(drawn(model, parts, named_pose(model, "reach"), 0.4))
     shown.append(drawn(model, parts, named_pose(model, "lunge"), 1.0))
-    shown.append(drawn(model, ellipsoid_mesh(model.flesh["fine"], 3), rest, 0.0))
+    shown.append(drawn(model, ellipsoid_mesh(model.ellipsoids["fine"], 3), rest, 0.0))
     return np.concatenate(shown, axis=1)
 
 

@@ -57,7 +57,7 @@ def draw_flips(scene: JumpScene) -> Any:
             image.plot(*pixels[at].T, **style)
             side.plot(points[at, 2], points[at, 1], **style)
             above.plot(points[at, 0], points[at, 2], **style)
-    image.plot(*scene.seen.pixels.T, "o", color="#0072B2", ms=3)
+    image.plot(*scene.observed.pixels.T, "o", color="#0072B2", ms=3)
     image.invert_yaxis()
     titles = (
         "in the image",

@@ -9,7 +9,7 @@ from handtrack.arrays import D2, D3, Array, Bytes, Floats, H, N, P, W
 from handtrack.diagnostics.residual_image import field_picture
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import FINGERS, ArticulatedModel
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.simulation.render import render, shade
 from handtrack.simulation.simulate import simulated_rig
@@ -49,11 +49,11 @@ def skeleton_balls(model: ArticulatedModel, bones: BonePoses) -> Ellipsoids:
 
 
 def rendered(
-    camera: Camera, flesh: Ellipsoids, color: Floats[D3], background: Array[H, W, D3]
+    camera: Camera, ellipsoids: Ellipsoids, color: Floats[D3], background: Array[H, W, D3]
 ) -> Bytes[H, W, D3]:
     """Return a picture RGB of ellipsoids in one colour."""
-    front, _, normal = render(camera, flesh)
-    colors = np.tile(color, (len(flesh.radii), 1))
+    front, _, normal = render(camera, ellipsoids)
+    colors = np.tile(color, (len(ellipsoids.radii), 1))
     height, width = front.shape
     return shade(front, normal, colors, np.broadcast_to(background, (height, width, 3)))
 
@@ -64,17 +64,17 @@ def model_pictures(
     """Return four pictures RGB of a pose, by title."""
     beside, *_, seen_by = simulated_rig(3, size).cameras
     bones = model.bones(params)
-    balls, flesh = skeleton_balls(model, bones), model.flesh["fine"].posed(bones)
-    field = field_picture(seen_by, flesh)
+    balls, ellipsoids = skeleton_balls(model, bones), model.ellipsoids["fine"].posed(bones)
+    field = field_picture(seen_by, ellipsoids)
     backdrop = _projected(field, seen_by, beside)
     bare = rendered(beside, balls, BONE, PAPER)
-    dressed = rendered(beside, flesh, SKIN, backdrop)
+    dressed = rendered(beside, ellipsoids, SKIN, backdrop)
     inside = rendered(beside, balls, BONE, dressed)
     hidden = (inside != dressed).any(axis=2, keepdims=True)
     together = np.where(hidden, _GHOST * dressed + (1 - _GHOST) * inside, dressed)
     return {
         "skeleton": bare,
-        "flesh": rendered(beside, flesh, SKIN, PAPER),
+        "flesh": rendered(beside, ellipsoids, SKIN, PAPER),
         f"field seen by {seen_by.name}": field,
         "all three": together.astype(np.uint8),
     }

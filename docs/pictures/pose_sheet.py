@@ -42,9 +42,9 @@ def pose_picture(model: ArticulatedModel, name: str, size: int = 180) -> Array[H
     joint[3:6] = pose_turn(name, model.side)
     bones = model.bones(model.transform.solver_params(joint))
     camera = _facing(model.joint_positions(bones), size)
-    flesh = model.flesh["fine"].posed(bones)
-    colours = np.array([_colour(model, int(bone)) for bone in flesh.bone], dtype=np.uint8)
-    front, _, normal = render(camera, flesh, pixel_rays(camera))
+    ellipsoids = model.ellipsoids["fine"].posed(bones)
+    colours = np.array([_colour(model, int(bone)) for bone in ellipsoids.bone], dtype=np.uint8)
+    front, _, normal = render(camera, ellipsoids, pixel_rays(camera))
     picture = shade(front, normal, colours, np.full((size, size, 3), 255, np.uint8))
     label = name.removeprefix("lsf_").upper() if name.startswith("lsf_") else name
     cv2.putText(

@@ -74,7 +74,7 @@ def frame_times(session: Session, values: dict[str, object], count: int) -> tupl
         own.append(1e3 * (time.thread_time() - begun))
         if frame == start + count // 2:
             bones = run.model.bones(run.model.transform.solver_params(result.parameters))
-            overlap = outline_overlap(seen.silhouettes, run.model.flesh["fine"], bones)
+            overlap = outline_overlap(seen.silhouettes, run.model.ellipsoids["fine"], bones)
             rows = len(seen.cloud) if seen.cloud is not None else int(overlap.model.sum())
     return own[_AFTER:], rows
 

@@ -62,7 +62,7 @@ def jump_polish_1024() -> dict[str, Any]:
         "reference": (
             f"processor time of one thread; scipy least_squares (the quicker of trf, limits as bounds, and lm without limits) with the same analytic Jacobian, compiled and dense, on {SUBSET} of "
             f"the starts, scaled to {STARTS}; covariance-scaled starts (scale {SCALE:g}) of body34, "
-            f"{len(scene.seen.names)} image joints, priors, no collisions"
+            f"{len(scene.observed.names)} image joints, priors, no collisions"
         ),
         "ours_converged": float(ours.is_minimum.mean()),
         "ours_lower_or_same": float((ours.cost[:SUBSET] <= costs + _SAME).mean()),
@@ -78,7 +78,7 @@ class DenseKeypoints:
     """The scene as a general solver wants it: residuals and their Jacobian at parameters (P,)."""
 
     def __init__(self, scene: JumpScene) -> None:
-        self.problem = keypoint_problem(scene.model, [scene.seen])
+        self.problem = keypoint_problem(scene.model, [scene.observed])
         self.space = workspace(self.problem)
         rows, means = [], []
         for prior in scene.priors:

@@ -16,7 +16,7 @@ def image_rows(problem, params, space, want_jacobian, residual, jacobian):  # pr
     for k in range(problem.point.shape[0]):
         b = problem.point_bone[k]
         x, y, z = place(problem, space, k, b)
-        for o in range(problem.seen_start[k], problem.seen_start[k + 1]):
+        for o in range(problem.view_start[k], problem.view_start[k + 1]):
             c, scale = problem.camera[o], np.sqrt(problem.information[o])
             turn, shift = problem.camera_rotation[c], problem.camera_translation[c]
             focal, middle = problem.camera_focal[c], problem.camera_middle[c]

@@ -18,7 +18,7 @@ def silhouette_iteration_vs_blas() -> dict[str, Any]:
         [lambda: problem.linearize(scene.start), *normal_equations(rows, width)], 60
     )
     best = min(reference)
-    camera, flesh = scene.silhouettes[0].camera, scene.model.flesh["fine"]
+    camera, ellipsoids = scene.silhouettes[0].camera, scene.model.ellipsoids["fine"]
     return {
         "ratio": ours / best,
         "ours_ms": ours,
@@ -27,6 +27,6 @@ def silhouette_iteration_vs_blas() -> dict[str, Any]:
             f"BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian (the pixels that the model covers), the "
             "quicker of two memory layouts; ours: kinematics, conics, derivatives, sums and assembly, "
             f"{len(scene.silhouettes)} cameras {camera.size[0]} × {camera.size[1]}, "
-            f"{len(flesh)} ellipsoids, widest band"
+            f"{len(ellipsoids)} ellipsoids, widest band"
         ),
     }

@@ -47,11 +47,13 @@ class ThreeViews:
         self, seen: list[PreparedSilhouette], band_px: float = WIDE_PX, all_rows: bool = False
     ) -> Problem:
         """Return the problem at the start: coverage, no priors, rows as far apart as in tracking unless all are asked for."""
-        flesh, bones = self.model.flesh["fine"], self.model.bones(self.start)
+        ellipsoids, bones = self.model.ellipsoids["fine"], self.model.bones(self.start)
         steps = () if all_rows else rows_apart([band_px] * len(seen))
-        return Problem(self.model, [CoverageTerm(seen, flesh, band_px, bones, row_steps=steps)])
+        return Problem(
+            self.model, [CoverageTerm(seen, ellipsoids, band_px, bones, row_steps=steps)]
+        )
 
     def rows(self) -> int:
         """Return how many pixels the model covers: the rows of the Jacobian that BLAS is given."""
-        flesh, bones = self.model.flesh["fine"], self.model.bones(self.start)
-        return int(outline_overlap(self.prepared(), flesh, bones).model.sum())
+        ellipsoids, bones = self.model.ellipsoids["fine"], self.model.bones(self.start)
+        return int(outline_overlap(self.prepared(), ellipsoids, bones).model.sum())

@@ -35,11 +35,11 @@ class _Compared:
     names: tuple[str, ...]
     truth: Floats
     """NaN where unknown"""
-    found: Floats
+    estimated: Floats
     """a missing or lost frame holds the last estimate"""
     covariance: Floats | None
     """(T, N, 3, 3) [mm²]"""
-    seen: Array
+    tracked: Array
     """(T,) whether the frame was tracked, neither missing nor lost"""
     sure: Array
     """(T,) whether it is of high confidence, neither doubtful, missing nor lost"""
@@ -84,10 +84,10 @@ def evaluate(
         When nothing can be compared.
     """
     points = _compared(in_truths_landmarks(track, truth, landmarks), truth)
-    error = np.linalg.norm(points.found - points.truth, axis=2)
+    error = np.linalg.norm(points.estimated - points.truth, axis=2)
     known = np.isfinite(error)
     tips = np.array([name.endswith("_tip") for name in points.names])
-    every, tracked = error[known], error[known & points.seen[:, None]]
+    every, tracked = error[known], error[known & points.tracked[:, None]]
     return {
         "mpjpe_mm": mean_size(every),
         "mpjpe_median_mm": float(np.median(every)),
@@ -98,10 +98,14 @@ def evaluate(
         "fingertip_mm": mean_size(error[known & tips]),
         "pck_auc_50mm": _pck_auc(every),
         "jitter_mm": _jitter(points),
-        "lost_frames": int((~points.seen).sum()),
+        "lost_frames": int((~points.tracked).sum()),
         "coverage90": _coverage(points),
         "finger_swaps": _swaps(points, tips),
-        **(flexion_errors(points.found, points.truth) if points.names == keypoint_names() else {}),
+        **(
+            flexion_errors(points.estimated, points.truth)
+            if points.names == keypoint_names()
+            else {}
+        ),
         **_position_errors(points, error),
         **_wrong_frames(points),
         "frames_used": len(points.frame),
@@ -215,7 +219,7 @@ def _position_errors(points: _Compared, error: Floats) -> dict[str, float | int 
     """Return errors of each point [mm], and of all and each beside its constant offset in its bone's frame."""
     beside = np.full_like(error, np.nan)
     if points.turns is not None:
-        beside = offset_free_errors(points.found, points.truth, points.turns)
+        beside = offset_free_errors(points.estimated, points.truth, points.turns)
     each = [*enumerate(points.names)]
     return {
         "offset_free_mm": mean_size(beside),
@@ -229,7 +233,7 @@ def _wrong_frames(points: _Compared) -> dict[str, float | int | None]:
     """Return how many frames are wrong, how many are of low confidence, and how many are both."""
     if points.names != keypoint_names():
         return {}
-    wrong = wrong_frames(1e-3 * points.found, 1e-3 * points.truth)
+    wrong = wrong_frames(1e-3 * points.estimated, 1e-3 * points.truth)
     return {
         "wrong_frames": int(wrong.sum()),
         "low_confidence_frames": int((~points.sure).sum()),
@@ -240,7 +244,7 @@ def _wrong_frames(points: _Compared) -> dict[str, float | int | None]:
 def _aligned_error(points: _Compared) -> float | None:
     """Return the mean error after a similarity fit per frame; frames with under 3 known points do not count."""
     errors = []
-    for found, true in zip(points.found, points.truth, strict=True):
+    for found, true in zip(points.estimated, points.truth, strict=True):
         known = np.isfinite(true).all(axis=1)
         if known.sum() >= 3:
             fitted = similarity(found[known], true[known])
@@ -257,15 +261,17 @@ def _jitter(points: _Compared) -> float | None:
     """Return the median norm of second differences over three tracked frames in a row."""
     one = np.diff(points.frame) == 1
     middle = 1 + np.flatnonzero(
-        one[1:] & one[:-1] & points.seen[2:] & points.seen[1:-1] & points.seen[:-2]
+        one[1:] & one[:-1] & points.tracked[2:] & points.tracked[1:-1] & points.tracked[:-2]
     )
-    bend = points.found[middle + 1] - 2 * points.found[middle] + points.found[middle - 1]
+    bend = (
+        points.estimated[middle + 1] - 2 * points.estimated[middle] + points.estimated[middle - 1]
+    )
     return known_median(np.linalg.norm(bend, axis=2))
 
 
 def _swaps(points: _Compared, tips: Array) -> int | None:
     """Return how many fingertips, over all frames, are nearer to another finger's true tip than to their own."""
-    found, true = points.found[:, tips], points.truth[:, tips]
+    found, true = points.estimated[:, tips], points.truth[:, tips]
     if true.shape[1] < 2:
         return None
     apart = np.linalg.norm(found[:, :, None] - true[:, None, :], axis=3)
@@ -279,10 +285,10 @@ def _coverage(points: _Compared) -> float | None:
     """Return the share of tracked points inside their stated 90 % ellipsoid."""
     if points.covariance is None:
         return None
-    asked = np.isfinite(points.truth).all(axis=2) & points.seen[:, None]
+    asked = np.isfinite(points.truth).all(axis=2) & points.tracked[:, None]
     if not asked.any():
         return None
-    error = (points.found - points.truth)[asked]
+    error = (points.estimated - points.truth)[asked]
     reported = points.covariance[asked]
     sound = np.isfinite(reported).all(axis=(1, 2))  # an estimate that states nothing covers nothing
     values, vectors = np.linalg.eigh(reported[sound])

@@ -12,7 +12,7 @@ import numpy as np
 
 from handtrack.arrays import D2, D3, Array, Bytes, Floats, H, J, N, W
 from handtrack.geometry.camera import Camera
-from handtrack.model.flesh import Ellipsoids, field_image, model_mask
+from handtrack.model.ellipsoids import Ellipsoids, field_image, model_mask
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Silhouette
 from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
@@ -33,9 +33,9 @@ def predicted_image(
     term: ConicFieldTerm | CoverageTerm, index: int, bones: BonePoses
 ) -> Floats[H, W]:
     """Return P of a term's silhouette number `index`."""
-    flesh, field = term.ellipsoids.posed(bones), term.fields[index]
+    ellipsoids, field = term.ellipsoids.posed(bones), term.fields[index]
     camera = term.silhouettes[index].camera
-    image = field_image(camera, flesh, field.levels, field.depth_scaled)
+    image = field_image(camera, ellipsoids, field.levels, field.depth_scaled)
     return np.maximum(image, -field.limit)
 
 
@@ -45,17 +45,17 @@ def residual_image(predicted: Floats[H, W], mask: Array[H, W]) -> Floats[H, W]:
 
 
 def residual_picture(
-    image: Bytes[H, W, D3], camera: Camera, flesh: Ellipsoids, mask: Array[H, W]
+    image: Bytes[H, W, D3], camera: Camera, ellipsoids: Ellipsoids, mask: Array[H, W]
 ) -> Bytes[H, W, D3]:
     """Return the picture RGB with the disagreement of hard outline and mask painted over it, and pieces of the mask beside the
     model outlined, with their area at the model's distance.
     """
-    model = model_mask(camera, flesh)
+    model = model_mask(camera, ellipsoids)
     residual = np.where(mask < 0, 0.0, mask - model.astype(float))
     share = 0.75 * np.abs(residual)[..., None]
     end = np.where(residual[..., None] < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
     picture = np.rint(image + share * (end - image.astype(float))).astype(np.uint8)
-    away = np.median((flesh.centre - camera.centre) @ camera.rotation[2])
+    away = np.median((ellipsoids.centre - camera.centre) @ camera.rotation[2])
     scale = camera.matrix[0, 0] / max(float(away), 1e-6)
     labels, areas = pieces((mask > 0.5) & ~model, 0.5 * THICK_M * scale)
     for number, area in enumerate(areas, start=1):
@@ -120,23 +120,27 @@ def mask_picture(image: Bytes[H, W, D3], silhouette: Silhouette) -> Bytes[H, W, 
     return drawn
 
 
-def outline_polygons(camera: Camera, flesh: Ellipsoids) -> list[Floats[N, D2]]:
+def outline_polygons(camera: Camera, ellipsoids: Ellipsoids) -> list[Floats[N, D2]]:
     """Return the model's outlines, holes too, in pixels of the undistorted camera."""
-    mask = model_mask(camera, flesh).astype(np.uint8)
+    mask = model_mask(camera, ellipsoids).astype(np.uint8)
     found, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     return [np.asarray(line, dtype=float).reshape(-1, 2) for line in found]
 
 
-def outline_picture(image: Bytes[H, W, D3], camera: Camera, flesh: Ellipsoids) -> Bytes[H, W, D3]:
+def outline_picture(
+    image: Bytes[H, W, D3], camera: Camera, ellipsoids: Ellipsoids
+) -> Bytes[H, W, D3]:
     """Return the picture RGB with the model's outline drawn over it."""
     picture = np.ascontiguousarray(image).copy()
-    lines = [np.rint(line).astype(np.int32)[:, None] for line in outline_polygons(camera, flesh)]
+    lines = [
+        np.rint(line).astype(np.int32)[:, None] for line in outline_polygons(camera, ellipsoids)
+    ]
     cv2.polylines(picture, lines, True, OUTLINE, 1, cv2.LINE_AA)
     return picture
 
 
-def field_picture(camera: Camera, flesh: Ellipsoids) -> Bytes[H, W, D3]:
+def field_picture(camera: Camera, ellipsoids: Ellipsoids) -> Bytes[H, W, D3]:
     """Return the normalised field as a picture RGB, dark outside, brightest at the ellipses' centres."""
-    depth = np.rint(-255 * field_image(camera, flesh)).astype(np.uint8)
+    depth = np.rint(-255 * field_image(camera, ellipsoids)).astype(np.uint8)
     colors = cv2.applyColorMap(depth, cv2.COLORMAP_VIRIDIS)[..., ::-1]
     return np.where(depth[..., None] > 0, colors, 24).astype(np.uint8)

@@ -49,7 +49,7 @@ def image_residuals(
     than the carried texture the image is. A piece without an edge on its normal is left out.
     """
     if isinstance(term, OutlineEdgesTerm):
-        for seen in term.seen:
+        for seen in term.observed:
             outline = seen.outline
             at = bones.to_world(outline.bone, outline.local)
             pixels = outline.camera.project(at)
@@ -60,7 +60,7 @@ def image_residuals(
             there = (share > 0.0).any(axis=1)
             yield "edges", outline.camera, pixels[there], nearest[there]
     elif isinstance(term, CarriedTextureTerm):
-        for texture, image in term.seen:
+        for texture, image in term.observed:
             at = bones.to_world(texture.bone, bones.rescaled(texture.bone, texture.local))
             pixels = texture.camera.project(at)
             brighter = (image.look_up(pixels)[0] - texture.color).mean(axis=1)

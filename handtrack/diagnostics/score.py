@@ -30,11 +30,11 @@ def score(
     """Return the score of solver parameters; empty where nothing was seen."""
     bones = model.bones(params)
     terms = frame_terms(model, settings, replace(seen, pins=()), bones)
-    if not terms.has_seen:
+    if not terms.has_observations:
         return Score({}, {})
     overlap = dict[str, float]()
     if terms.prepared:
-        shares = outline_overlap(terms.prepared, model.flesh["fine"], bones).iou.tolist()
+        shares = outline_overlap(terms.prepared, model.ellipsoids["fine"], bones).iou.tolist()
         names = [prepared.camera.name for prepared in terms.prepared]
         overlap = dict(zip(names, shares, strict=True))
     energy = stage_problem(terms, params).costs(params)

@@ -61,5 +61,5 @@ def mean_overlap(
     found = []
     for result in (frames[index] for index in evenly_spread(len(frames), _LOOKED_AT)):
         bones = model.bones(model.transform.solver_params(result.parameters))
-        found += outline_overlap(seen(result.frame), model.flesh["fine"], bones).iou.tolist()
+        found += outline_overlap(seen(result.frame), model.ellipsoids["fine"], bones).iou.tolist()
     return float(np.mean(found)) if found else None

@@ -47,7 +47,7 @@ def isb_angles(model: ArticulatedModel, T_world_bone: Floats[F, B, D4, D4]) -> d
     """
     own = _joints_of(model)
     turns = T_world_bone[..., :3, :3]
-    angles = euler_angles(own.seen(turns[:, own.before], turns[:, own.after]), "ZXY")
+    angles = euler_angles(own.relative_axes(turns[:, own.before], turns[:, own.after]), "ZXY")
     return _by_name(own, angles)
 
 
@@ -83,7 +83,7 @@ class _Joints:
     """the proximal segments' axes X, Y, Z in their bones' frames, of a right hand"""
     mirrored: bool
 
-    def seen(
+    def relative_axes(
         self, before: Floats[*Axes, K, D3, D3], after: Floats[*Axes, K, D3, D3]
     ) -> Floats[*Axes, K, D3, D3]:
         """Return the distal segments' axes in the proximal ones'."""
@@ -121,7 +121,7 @@ def _slopes(own: _Joints, bones: BonePoses, twists: Floats[B, D6, S]) -> Floats[
     if own.mirrored:
         turning = -_MIRROR @ turning  # a mirror turns the sense of what turns
     turning = np.swapaxes(own.axes, 1, 2) @ turning
-    angles = euler_angles(own.seen(before, bones.rotation[own.after]), "ZXY")
+    angles = euler_angles(own.relative_axes(before, bones.rotation[own.after]), "ZXY")
     flexed, deviated = _turned(angles * (1.0, 0.0, 0.0)), _turned(angles * (1.0, 1.0, 0.0))
     axes = np.stack([flexed[..., 2], flexed[..., 0], deviated[..., 1]], axis=-1)
     return np.linalg.solve(axes, turning)

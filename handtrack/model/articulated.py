@@ -32,7 +32,7 @@ from handtrack.arrays import (
 )
 from handtrack.errors import HandtrackError
 from handtrack.model import kinematics
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.limits import Limits, MovingLimits, moving_limits
 from handtrack.model.skeleton import Skeleton
@@ -145,7 +145,7 @@ class ArticulatedModel:
     limits: Limits
     rest: Floats[S]
     """joint parameters of the relaxed pose; the root's are zero."""
-    flesh: dict[str, Ellipsoids]
+    ellipsoids: dict[str, Ellipsoids]
     """sets of ellipsoids: `fine` for silhouettes, `metaballs` for clouds."""
     joint_names: tuple[str, ...]
     joint_bone: Ints[J]

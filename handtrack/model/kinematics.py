@@ -72,7 +72,7 @@ class BonePoses:
         """Return points of a bone's frame [m] where its growth has moved them, in that frame."""
         return points if self.scale_change is None else points * self.scale_change[bone]
 
-    def on_flesh(self, bone: Ints[N], points: Floats[N, D3]) -> Floats[N, D3]:
+    def rescaled_surface(self, bone: Ints[N], points: Floats[N, D3]) -> Floats[N, D3]:
         """Return points of bones' surfaces likewise: they shift with the ellipsoids, too."""
         return self.rescaled(bone, points) + (0.0 if self.shift is None else self.shift[bone])
 
@@ -85,7 +85,7 @@ class BoneFields:
 
     joints: Floats[B, D12, N]
     """of joints and landmarks"""
-    flesh: Floats[B, D12, N]
+    surface: Floats[B, D12, N]
     """of what is on the bone's ellipsoids"""
     landmarks: Floats[J, D3, N]
     """how the points that a detector sees move besides, in their bones' frames, before these grow [m]"""

@@ -209,12 +209,12 @@ def scale_change_fields(changes, frames, scale_change, unknowns):  # pragma: no 
                 for j in range(3):
                     at -= joints[b, 3 + 3 * i + j, k] * arm[j]
                 joints[b, i, k] = at
-    flesh = joints.copy()
+    surface = joints.copy()
     for k in range(count):
         q = unknowns[k] - first
         if 0 <= q < len(shift):
             for b in range(bones):
                 for i in range(3):
                     for j in range(3):
-                        flesh[b, i, k] += rotation[b, i, j] * scale_change[b, j] * shift[q, b, j]
-    return joints, flesh
+                        surface[b, i, k] += rotation[b, i, j] * scale_change[b, j] * shift[q, b, j]
+    return joints, surface

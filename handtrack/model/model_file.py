@@ -31,7 +31,7 @@ from handtrack.model.articulated import (
     Proportions,
     ShapeCovariance,
 )
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.limits import Limits
 from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
 from handtrack.model.surfaces.superquadrics import read_superquadrics
@@ -359,11 +359,11 @@ def _with_arm_of(table: dict[str, Any], ends_mm: float) -> dict[str, Any]:
         return row | {"tail": (head + share * (tail - head)).tolist()}
 
     arm = {row["name"] for row in table["bone"] if row.get("only_with") == "forearm"}
-    flesh = {
+    ellipsoids = {
         key: [_ending(row, ends_mm) if row["bone"] in arm else row for row in rows]
         for key, rows in table["ellipsoids"].items()
     }
-    return table | {"bone": [bone(row) for row in table["bone"]], "ellipsoids": flesh}
+    return table | {"bone": [bone(row) for row in table["bone"]], "ellipsoids": ellipsoids}
 
 
 def _ending(row: dict[str, Any], ends_mm: float) -> dict[str, Any]:
@@ -459,7 +459,7 @@ def _build(
         [[parameters.index(a), parameters.index(b)] for a, b in narrowing["pairs"]], dtype=int
     ).reshape(-1, 2)
     limits = Limits(interval, pairs, np.deg2rad(narrowing["at_deg"]), float(narrowing["to"]))
-    flesh = {
+    ellipsoids = {
         key: _ellipsoids(rows_e, names, factors, shift, side)
         for key, rows_e in table["ellipsoids"].items()
     }
@@ -487,7 +487,7 @@ def _build(
         transform=build_transform(parameters, _couplings(table, coupling, spread)),
         limits=limits,
         rest=rest,
-        flesh=flesh,
+        ellipsoids=ellipsoids,
         joint_names=tuple(name for name, _ in joints),
         joint_bone=joint_bone,
         joint_point=joint_point,

@@ -116,7 +116,7 @@ class SizeParameters:
 
     model: ArticulatedModel
     """of any size; others are described by how much they have grown from it"""
-    seen: tuple[str, ...] = ()
+    observed: tuple[str, ...] = ()
     """joints whose offsets are among the deviations: a body's of left and right are mirror images, and one of its middle plane stays in it"""
 
     @property
@@ -188,7 +188,7 @@ class SizeParameters:
             skeleton, offset=offset, length=length, scale_change=scale_change, shift=shift
         )
         seen = self.model.offset
-        if self.seen:
+        if self.observed:
             seen = (0.0 if seen is None else seen) + self.offset_moves @ more
         return replace(self.model, skeleton=larger, scale=self.scale(deviations), offset=seen)
 
@@ -218,10 +218,12 @@ class SizeParameters:
             Those of `rescaled`.
         """
         assert bones.scale_change is not None
-        joints, flesh = scale_change_fields(
+        joints, surface = scale_change_fields(
             self._scale_changes, bones.frames, bones.scale_change, unknowns
         )
-        return BoneFields(joints, flesh, self.offset_moves[:, :, unknowns], np.zeros(len(unknowns)))
+        return BoneFields(
+            joints, surface, self.offset_moves[:, :, unknowns], np.zeros(len(unknowns))
+        )
 
     @property
     def _proportions(self) -> slice:
@@ -232,7 +234,7 @@ class SizeParameters:
     def _offset_of(self) -> dict[str, dict[str, Floats[D3]]]:
         """By offset, the joints that have it, each with what mirrors it (x to the other side)."""
         found: dict[str, dict[str, Floats[D3]]] = {}
-        for joint in self.seen:
+        for joint in self.observed:
             side = "" if self._is_hand else next((s for s in _ACROSS if joint.startswith(s)), "")
             across = 1.0 if self._is_hand else _ACROSS.get(side, 0.0)
             similar = found.setdefault(joint.removeprefix(side), {})

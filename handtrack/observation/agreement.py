@@ -37,7 +37,7 @@ def suspected(silhouettes: tuple[Silhouette, ...]) -> list[Silhouette]:
 
     if len(hands) < 3 or agree(hands):
         return []
-    return [one.seen for one in hands if agree([o for o in hands if o is not one])]
+    return [one.silhouette for one in hands if agree([o for o in hands if o is not one])]
 
 
 def weighed(silhouettes: Sequence[Silhouette]) -> tuple[Silhouette, ...]:
@@ -74,7 +74,7 @@ def outline_errors_px(silhouettes: Sequence[Silhouette]) -> Floats[C]:
 class _Hand:
     """What one silhouette calls hand."""
 
-    seen: Silhouette
+    silhouette: Silhouette
     count: int
     """of its pixels"""
     middle: Floats[D2]
@@ -90,9 +90,11 @@ class _Hand:
 
 def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
     """Return the share of a hand's pixels on whose lines of sight no point may be hand in all of the others."""
-    camera = one.seen.camera
+    camera = one.silhouette.camera
     met = [
-        triangulated([camera, other.seen.camera], np.array([[one.middle], [other.middle]]), 0.0)[0]
+        triangulated(
+            [camera, other.silhouette.camera], np.array([[one.middle], [other.middle]]), 0.0
+        )[0]
         for other in others
     ]
     middles = np.array([middle for middle in met if np.isfinite(middle).all()])
@@ -104,6 +106,6 @@ def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
     points = camera.centre + (along.min(axis=0)[:, None] + steps)[..., None] * rays[:, None]
     possible = np.ones(points.shape[:2], bool)
     for other in others:
-        covered, known, _ = other.seen.at(points[possible])
+        covered, known, _ = other.silhouette.at(points[possible])
         possible[possible] = covered | ~known
     return float((~possible.any(axis=1)).mean())

@@ -131,7 +131,7 @@ def _to_camera(problem, c, x, y, z):  # pragma: no cover - compiled
 def _point_cost(problem, k, x, y, z):  # pragma: no cover - compiled
     """Return ½ Σ ρ over the observations of point k at a place; infinite behind a camera."""
     cost = 0.0
-    for o in range(problem.seen_start[k], problem.seen_start[k + 1]):
+    for o in range(problem.view_start[k], problem.view_start[k + 1]):
         c = problem.camera[o]
         if c < 0:
             squared = (
@@ -183,7 +183,7 @@ def point_forces(problem, k, x, y, z, force, stiffness, bend):  # pragma: no cov
         for j in range(3):
             stiffness[i, j] = 0.0
             bend[i, j] = 0.0
-    for o in range(problem.seen_start[k], problem.seen_start[k + 1]):
+    for o in range(problem.view_start[k], problem.view_start[k + 1]):
         c, info = problem.camera[o], problem.information[o]
         if c < 0:
             d0, d1, d2 = (

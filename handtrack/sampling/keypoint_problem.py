@@ -11,7 +11,7 @@ import numpy as np
 from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q, S
 from handtrack.errors import index_of
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.limits import MovingLimits
 from handtrack.model.skeleton import KinematicTree
 from handtrack.observation.observation import ImageKeypoints, Keypoints
@@ -36,7 +36,7 @@ class KeypointProblem(NamedTuple):
     point_bone: Ints[K]
     point: Floats[K, D3]
     """in the bone's frame [m]"""
-    seen_start: Ints[L]
+    view_start: Ints[L]
     """(K + 1,) where each point's observations begin"""
     camera: Ints[M]
     """(O,) index of a camera; −1 for a point in space"""
@@ -147,7 +147,7 @@ def _observations(
     return {
         "point_bone": np.asarray(model.joint_bone[joints], dtype=np.int64),
         "point": np.array(points, dtype=float).reshape(-1, 3),
-        "seen_start": starts.astype(np.int64),
+        "view_start": starts.astype(np.int64),
         "camera": np.array([row[1] for row in rows], dtype=np.int64),
         "target": np.array([row[2] for row in rows], dtype=float).reshape(-1, 3),
         "information": np.array([row[3] for row in rows], dtype=float),

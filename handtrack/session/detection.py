@@ -122,20 +122,20 @@ class JointDetection:
         self.session = session
         self.views = _views(session, cameras)
         self._followers = {view.name: HandFollower(detector) for view in self.views}
-        self._seen: dict[int, dict[str, dict[int, DetectedHand]]] = {}
+        self._detections: dict[int, dict[str, dict[int, DetectedHand]]] = {}
         self._own: dict[str, dict[int, int]] = {view.name: {} for view in self.views}
         for view in self.views:
             _check_folder(session.folder, view.name)
 
     def step(self, frame: int) -> None:
         """Look for hands in all images of a frame."""
-        self._seen[frame] = {}
+        self._detections[frame] = {}
         for view in self.views:
             own = view.own_frame(frame)
             image = None if own is None else view.image(frame)
             hands = self._followers[view.name].step(image)
             if image is not None and own is not None:
-                self._seen[frame][view.name] = hands
+                self._detections[frame][view.name] = hands
                 self._own[view.name][frame] = own
 
     def write(self) -> list[CameraDetection]:
@@ -143,7 +143,7 @@ class JointDetection:
         side = self.session.file.hand.side
         sides = self._sides(side)
         tallies = {view.name: Counter[str]() for view in self.views}
-        for frame, views in self._seen.items():
+        for frame, views in self._detections.items():
             seen = {
                 view.name: [
                     HandObservation(view.camera, hand, sides[view.name, number])
@@ -169,7 +169,7 @@ class JointDetection:
     def _sides(self, side: str) -> dict[tuple[str, int], float]:
         """Return the log-odds of our side of each hand of each camera, by its number: the mean while it was followed."""
         said: dict[tuple[str, int], list[float]] = defaultdict(list)
-        for views in self._seen.values():
+        for views in self._detections.values():
             for name, hands in views.items():
                 for number, hand in hands.items():
                     said[name, number].append(log_odds(hand.right, side))

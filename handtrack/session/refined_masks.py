@@ -19,7 +19,7 @@ from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text, replacing
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.lens import remap_source
-from handtrack.model.flesh import model_mask
+from handtrack.model.ellipsoids import model_mask
 from handtrack.observation.agreement import outline_errors_px
 from handtrack.observation.observation import Silhouette, undistort_silhouette
 from handtrack.session.layout import MASKS_FOLDER, SESSION_FILE, inside
@@ -28,7 +28,7 @@ from handtrack.session.sources.views import View
 from handtrack.tracking.frame.result import Status, TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
 
-_FLESH_OFF_M = 0.004
+_SURFACE_ERROR_M = 0.004
 """how far a person's outline is from the model's in the right pose: one and a half of `outline_sigma_mm`, and clothes of skin"""
 _MARK = "made_by_handtrack.json"
 _KNUCKLES = ("index_mcp", "middle_mcp", "ring_mcp", "little_mcp")
@@ -89,7 +89,7 @@ class MaskRefinement:
         if depth <= 0 or not np.isfinite(places).all():
             return None
         spread = np.trace(self._track.joint_covariance[row], axis1=1, axis2=2)
-        off_m = float(np.hypot(_FLESH_OFF_M, np.sqrt(np.median(spread))))
+        off_m = float(np.hypot(_SURFACE_ERROR_M, np.sqrt(np.median(spread))))
         return seeds_of_outline(
             self.outline(view, row),
             off_m,
@@ -101,8 +101,8 @@ class MaskRefinement:
     def outline(self, view: View, row: int) -> Bytes[H, W]:
         """Return 255 where the camera, with its lens, sees the model in a row of the track."""
         bones = self._model.bones(self._model.transform.solver_params(self._track.parameters[row]))
-        camera, flesh = view.camera, self._model.flesh["fine"].posed(bones)
-        drawn = 255 * model_mask(camera, flesh).astype(np.uint8)
+        camera, ellipsoids = view.camera, self._model.ellipsoids["fine"].posed(bones)
+        drawn = 255 * model_mask(camera, ellipsoids).astype(np.uint8)
         if not camera.is_distorted:
             return drawn
         return cv2.remap(drawn, _source(camera), None, cv2.INTER_NEAREST)  # type: ignore[return-value, call-overload]

@@ -56,7 +56,7 @@ from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import refine_recording, track_recording
-from handtrack.tracking.size.person import FEWEST_BY_JOINTS, Subject, seen_around
+from handtrack.tracking.size.person import FEWEST_BY_JOINTS, Subject, is_observed_around
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
@@ -226,7 +226,7 @@ class TrackingRun:
         """Return what was observed of a tracked frame; the cloud is cropped to its pose."""
         bones = self.model.bones(self.model.transform.solver_params(result.parameters))
         near = hand_distance(self.model, bones)
-        return of_model(_seen(self.session, self.settings, result.frame, near), self.model)
+        return of_model(_observation(self.session, self.settings, result.frame, near), self.model)
 
     def with_values(self, overrides: Mapping[str, Any]) -> TrackingRun:
         """Return the run with dotted settings replaced; the hand's size stays as it is."""
@@ -313,7 +313,7 @@ class TrackingRun:
 
     def uncropped_observation(self, frame: int) -> Observation:
         """Return what was observed of a frame anywhere, as far as the settings use it; nothing that was given."""
-        return _seen(self.session, self.settings, frame)
+        return _observation(self.session, self.settings, frame)
 
     def fit_of(self, frame: int, params: Floats[P]) -> tuple[Reason | None, OutlineFit | None]:
         """Return why a frame is doubtful or lost at solver parameters, by itself, and how the pose fits its silhouettes."""
@@ -352,7 +352,7 @@ class TrackingRun:
             Where the hand is expected; the cloud is cropped to it.
         """
         near = None if bones is None else hand_distance(self.model, bones)
-        seen = of_model(_seen(self.session, self.settings, frame, near), self.model)
+        seen = of_model(_observation(self.session, self.settings, frame, near), self.model)
         if self.first is None or self.first.frame != frame or self.first.xyz is None:
             return seen
         if not self.model.has_keypoints21:
@@ -424,10 +424,12 @@ def poses_of_image_joints(
 ) -> list[FirstPoseCandidate]:
     """Return the poses in space that a first pose with joints in images may mean, the surest first."""
     whole = _whole(_model(session, settings, hand_scale(session, settings, None), 0.0))
-    return poses_from_images(session, settings, whole, first, _seen(session, settings, first.frame))
+    return poses_from_images(
+        session, settings, whole, first, _observation(session, settings, first.frame)
+    )
 
 
-def _seen(
+def _observation(
     session: Session, settings: TrackerSettings, frame: int, near: HandDistance | None = None
 ) -> Observation:
     """Return what a session has of a frame, without what the settings' weights switch off."""
@@ -540,7 +542,7 @@ def _forearm(
     if model.kind == "body":
         return 0.0
     params = _first_params(model, first, settings)
-    found = forearm_in_view(model, [(params, _seen(session, settings, first.frame))])
+    found = forearm_in_view(model, [(params, _observation(session, settings, first.frame))])
     unseen = np.inf if given else 0.0
     return unseen if found is None else found
 
@@ -654,7 +656,7 @@ def size_of_frames(
         used = {result.frame for result in chosen}
         seen = [run.observation_of(result) for result in chosen]
         places = list(zip(seen, map(_middle, chosen), strict=True))
-        around = any(seen_around(one, place) for one, place in places)
+        around = any(is_observed_around(one, place) for one, place in places)
         if sizes and not around and _measured(run, results, most) < _LEAST_MEASURED:
             given = run.first is not None and run.first.xyz is not None  # a size that points tell
             mean = replace(run.scale, overall=run.scale.overall if given else 1.0)

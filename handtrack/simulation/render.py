@@ -6,7 +6,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, E, Floats, H, W, pixel_grid
 from handtrack.geometry.camera import Camera
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 
 _LIGHT = np.array([-0.35, -0.6, -0.72])  # camera axes: from the upper left, behind the camera
 
@@ -20,7 +20,7 @@ def pixel_rays(camera: Camera) -> Floats[H, W, D3]:
 
 
 def render(
-    camera: Camera, flesh: Ellipsoids, rays: Floats[H, W, D3] | None = None
+    camera: Camera, ellipsoids: Ellipsoids, rays: Floats[H, W, D3] | None = None
 ) -> tuple[Array[H, W], Floats[H, W], Floats[H, W, D3]]:
     """Return which ellipsoid is in front (H, W; −1 for none), its depth [m] and normals.
 
@@ -37,9 +37,9 @@ def render(
     front = np.full((height, width), -1)
     depth = np.full((height, width), np.inf)
     normal = np.zeros((height, width, 3))
-    centres: Floats[E, D3] = camera.to_camera(flesh.centre)
-    axes = camera.rotation @ flesh.rotation
-    for e, (centre, turn, radii) in enumerate(zip(centres, axes, flesh.radii, strict=True)):
+    centres: Floats[E, D3] = camera.to_camera(ellipsoids.centre)
+    axes = camera.rotation @ ellipsoids.rotation
+    for e, (centre, turn, radii) in enumerate(zip(centres, axes, ellipsoids.radii, strict=True)):
         window = _window(camera, rays, centre, float(radii.max()))
         if window is None:
             continue

@@ -191,8 +191,8 @@ def _render_all(
     joint: Floats,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    flesh = model.flesh["fine"]
-    colors = np.tile(_SKIN, (len(flesh), 1))
+    ellipsoids = model.ellipsoids["fine"]
+    colors = np.tile(_SKIN, (len(ellipsoids), 1))
     clouds: dict[int, list[PointCloud]] = {}
     for c, camera in enumerate(rig.cameras):
         rays = pixel_rays(camera)
@@ -200,7 +200,7 @@ def _render_all(
         masks.mkdir(parents=True)
         video = _video(folder / f"{camera.name}.mp4", what) if what.images else None
         for frame, params in enumerate(joint):
-            posed = flesh.posed(model.bones(model.transform.solver_params(params)))
+            posed = ellipsoids.posed(model.bones(model.transform.solver_params(params)))
             front, depth, normal = render(camera, posed, rays)
             if what.clouds:
                 clouds.setdefault(frame, []).append(depth_cloud(camera, depth))

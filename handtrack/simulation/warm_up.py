@@ -46,16 +46,16 @@ def track_small_frame(kind: str) -> str:
     pose = model.rest_params()
     pose[1] -= 0.09
     tracker = Tracker(model, TrackerSettings().with_values(KINDS[kind]))
-    tracker.step(TrackerState.beginning_at(pose), _seen(kind, model, pose))
+    tracker.step(TrackerState.beginning_at(pose), _observation(kind, model, pose))
     return kind
 
 
-def _seen(kind: str, model: ArticulatedModel, pose: Floats) -> Observation:
+def _observation(kind: str, model: ArticulatedModel, pose: Floats) -> Observation:
     cameras = simulated_rig(2, _SIZE).cameras
     if kind == "silhouettes":
         return mask_views(model, pose, cameras)
     if kind == "a point cloud":
-        depth = render(cameras[0], model.flesh["metaballs"].posed(model.bones(pose)))[1]
+        depth = render(cameras[0], model.ellipsoids["metaballs"].posed(model.bones(pose)))[1]
         cloud = depth_cloud(cameras[0], depth)
         return Observation(0, 0.0, cloud=cloud, cloud_views=(cameras[0].centre[None],))
     if kind == "several hypotheses":  # from one camera, whose depth stays open

@@ -11,7 +11,7 @@ import numpy as np
 from handtrack.arrays import D2, Floats, Ints, K, array_dataclass, check_shape
 from handtrack.errors import check_name
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_kernels import posed_shapes
 from handtrack.terms.bone_system import Sums
@@ -45,7 +45,7 @@ class CollisionTerm(SurfaceTerm):
     bones, along the shortest way out. Pairs that are apart cost nothing and are dismissed without computing d.
     """
 
-    flesh: Ellipsoids
+    ellipsoids: Ellipsoids
     pairs: Ints[K, D2]
     """ellipsoids that may not overlap"""
     sigma_m: float = 0.01
@@ -62,24 +62,25 @@ class CollisionTerm(SurfaceTerm):
     def of(
         cls,
         model: ArticulatedModel,
-        flesh: str = "metaballs",
+        ellipsoid_set: str = "metaballs",
         sigma_m: float = 0.01,
         slack_m: float = 0.01,
     ) -> CollisionTerm:
         """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`."""
-        check_name("set of ellipsoids", flesh, model.flesh, f"the model {model.name}")
-        chosen = replace(model.flesh[flesh], radii=_FIRM * model.flesh[flesh].radii)
+        check_name("set of ellipsoids", ellipsoid_set, model.ellipsoids, f"the model {model.name}")
+        chosen = model.ellipsoids[ellipsoid_set]
+        chosen = replace(chosen, radii=_FIRM * chosen.radii)
         pairs = colliding_pairs(model, chosen, slack_m)
         return cls(chosen, pairs, sigma_m, slack_m)
 
     def depths(self, bones: BonePoses) -> Floats[K]:
         """Return how deep each pair overlaps [m], 0 where it does not; slack is not taken off."""
-        return _depths(self.flesh, bones, self.pairs)
+        return _depths(self.ellipsoids, bones, self.pairs)
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
-        rescaled = self.flesh.rescaled(bones)
+        rescaled = self.ellipsoids.rescaled(bones)
         own = self.collisions
-        if rescaled is not self.flesh:
+        if rescaled is not self.ellipsoids:
             own = rescaled.arrays, *own[1:]
         return collision_sums(bones.frames, own, sums)
 
@@ -88,11 +89,11 @@ class CollisionTerm(SurfaceTerm):
         """The same for compiled sums."""
         first, second = np.ascontiguousarray(np.asarray(self.pairs, np.int64).T)
         numbers = float(self.slack_m), float(self.sigma_m), float(self.weight)
-        return self.flesh.arrays, first, second, *numbers
+        return self.ellipsoids.arrays, first, second, *numbers
 
 
 def colliding_pairs(
-    model: ArticulatedModel, flesh: Ellipsoids, slack_m: float = 0.01
+    model: ArticulatedModel, ellipsoids: Ellipsoids, slack_m: float = 0.01
 ) -> Ints[K, D2]:
     """Return the pairs of ellipsoids that can collide.
 
@@ -100,22 +101,22 @@ def colliding_pairs(
     of rest already, for flesh joins them: shoulder and chest, the thighs' tops, thumb and palm.
     """
     parent = model.skeleton.parent
-    first, second = np.triu_indices(len(flesh), 1)
-    a, b = flesh.bone[first], flesh.bone[second]
+    first, second = np.triu_indices(len(ellipsoids), 1)
+    a, b = ellipsoids.bone[first], ellipsoids.bone[second]
     apart = (a != b) & (parent[a] != b) & (parent[b] != a)
     pairs = np.stack([first, second], axis=1)[apart].astype(np.int64)
     if not len(pairs):
         return pairs
     joined = np.zeros((len(model.skeleton.bone_names),) * 2, bool)
-    touching = pairs[_depths(flesh, model.bones(model.rest_params()), pairs) > slack_m]
-    joined[tuple(flesh.bone[touching].T)] = True
-    return pairs[~joined[tuple(flesh.bone[pairs].T)]]
+    touching = pairs[_depths(ellipsoids, model.bones(model.rest_params()), pairs) > slack_m]
+    joined[tuple(ellipsoids.bone[touching].T)] = True
+    return pairs[~joined[tuple(ellipsoids.bone[pairs].T)]]
 
 
-def _depths(flesh: Ellipsoids, bones: BonePoses, pairs: Ints) -> Floats:
-    place, shape = np.empty((len(flesh), 3)), np.empty((len(flesh), 3, 3))
-    posed_shapes(bones.frames, flesh.arrays, place, shape)
+def _depths(ellipsoids: Ellipsoids, bones: BonePoses, pairs: Ints) -> Floats:
+    place, shape = np.empty((len(ellipsoids), 3)), np.empty((len(ellipsoids), 3, 3))
+    posed_shapes(bones.frames, ellipsoids.arrays, place, shape)
     found = np.empty(len(pairs))
     first, second = np.ascontiguousarray(np.asarray(pairs, np.int64).T)
-    overlaps(place, shape, flesh.radii.max(axis=1), first, second, found)
+    overlaps(place, shape, ellipsoids.radii.max(axis=1), first, second, found)
     return np.abs(found)

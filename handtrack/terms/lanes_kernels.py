@@ -95,7 +95,7 @@ class Eight:
     def rounded(self):
         return self._call("rint")
 
-    def seen_as(self, kind):
+    def bits_as(self, kind):
         """Return the same bits as vectors of another kind."""
         return Eight(self.builder, self.builder.bitcast(self.value, kind))
 
@@ -238,17 +238,17 @@ def exp(x):
         total = total * r + 1.0 / math.factorial(i)
     builder = x.builder
     power = builder.add(builder.fptosi(n.value, LONGS), _longs(1023))
-    return total * Eight(builder, builder.shl(power, _longs(52))).seen_as(DOUBLES)
+    return total * Eight(builder, builder.shl(power, _longs(52))).bits_as(DOUBLES)
 
 
 def log(x):
     """Return log x for x ≥ 1: 2 artanh((m − 1)/(m + 1)) + n ln 2 with m in [0.7, 1.42)."""
     builder = x.builder
-    bits = x.seen_as(LONGS).value
+    bits = x.bits_as(LONGS).value
     # n such that m = x 2⁻ⁿ is around 1: add the mantissa of √2's complement before taking the exponent
     shifted = builder.add(bits, _longs(0x3FF0000000000000 - 0x3FE6A09E667F3BCD))
     n = builder.sub(builder.ashr(shifted, _longs(52)), _longs(1023))
-    m = Eight(builder, builder.sub(bits, builder.shl(n, _longs(52)))).seen_as(DOUBLES)
+    m = Eight(builder, builder.sub(bits, builder.shl(n, _longs(52)))).bits_as(DOUBLES)
     s = (m - 1.0) / (m + 1.0)
     z = s * s
     total = Eight(builder, ZEROS) + 1.0 / 21

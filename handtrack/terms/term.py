@@ -64,7 +64,7 @@ class SurfaceTerm(ObservationTerm):
     """One of points on the ellipsoids that are fixed to bones."""
 
     def motion(self, bones: BonePoses, fields: BoneFields) -> Floats[B, L, N]:
-        return fields.flesh
+        return fields.surface
 
 
 class ParameterTerm(ABC):

@@ -64,7 +64,7 @@ def fitted_again(
     nothing was seen, or it was stopped. It is what tracking does in a frame, but for its searches for other poses.
     """
     terms = frame_terms(model, settings, seen, model.bones(params))
-    if not (terms.has_seen or seen.pins):
+    if not (terms.has_observations or seen.pins):
         return None
     summary, _ = descend(terms, params, should_stop)
     return None if summary.why == "stopped" else summary.params

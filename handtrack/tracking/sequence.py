@@ -185,8 +185,8 @@ def _state_after(steps: Sequence[Step], tracker: Tracker, observe: Observe) -> T
         return TrackerState.after_steps(steps)
     first, *others = (step.result for step in steps)
     last = next((r for r in reversed(others) if r.status != Status.LOST), None)
-    texture = tracker.seen_with(observe(first.frame, None), first)
+    texture = tracker.texture_from(observe(first.frame, None), first)
     if last is not None and texture is not None:
-        now = tracker.seen_with(observe(last.frame, None), last)
+        now = tracker.texture_from(observe(last.frame, None), last)
         texture = now and replace(now, first=texture)
     return TrackerState.after_steps(steps, texture)

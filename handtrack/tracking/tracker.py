@@ -23,7 +23,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.hypotheses.mixture import solve_mixture
 from handtrack.tracking.search.frame_solve import solve_frame
-from handtrack.tracking.search.lost_hand import with_hand_found
+from handtrack.tracking.search.lost_hand import with_hand_recovered
 from handtrack.tracking.search.policy import searches_everywhere
 from handtrack.tracking.size.person import Subject
 from handtrack.tracking.state import TrackerState
@@ -80,9 +80,11 @@ class Tracker:
         else:
             solved = solve_frame(task)
             if self.settings.tracker.recovery:
-                solved = with_hand_found(task, solved)
+                solved = with_hand_recovered(task, solved)
         solved = replace(solved, result=self._as_sure_as_the_start(state, solved.result))
-        return state.after(solved, self.seen_with(observation, solved.result), hypotheses), solved
+        return state.after(
+            solved, self.texture_from(observation, solved.result), hypotheses
+        ), solved
 
     def _as_sure_as_the_start(self, state: TrackerState, result: FrameResult) -> FrameResult:
         """Return a frame as doubtful as an unsure start, unless frames in a row have confirmed it by their own evidence."""
@@ -163,7 +165,7 @@ class Tracker:
             known = predict(self.model, state.results, frame)
         return last.parameters.copy() if known is None else known
 
-    def seen_with(self, observation: Observation, result: FrameResult) -> Before | None:
+    def texture_from(self, observation: Observation, result: FrameResult) -> Before | None:
         """Return a frame's images together with the model as it was found in them; None where images are not looked at."""
         if not self.settings.uses_images:
             return None

@@ -93,7 +93,7 @@ def hand_side(mask: np.ndarray, cut: list, inside: np.ndarray) -> np.ndarray:
 def compare(track: TrackResult, session: Session) -> dict[str, object]:
     """Return errors (pixels) of landmarks and overlaps (IoU) of the hand, of all frames together."""
     model = model_of(track)
-    hand = model.flesh["fine"]
+    hand = model.ellipsoids["fine"]
     if model.has_forearm:
         hand = hand.subset(hand.bone != model.skeleton.bone("forearm"))
     rays = {camera.name: pixel_rays(camera) for camera in session.rig.cameras}
@@ -102,7 +102,9 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
     for result in track.frames():
         frame, bones = result.frame, model.bones(model.transform.solver_params(result.parameters))
         for name, polygon in drawn_by_eye.get(frame, {}).items():
-            flesh = model.flesh["fine"].posed(bones)  # with its forearm: both are cut at the wrist
+            flesh = model.ellipsoids["fine"].posed(
+                bones
+            )  # with its forearm: both are cut at the wrist
             seen = render(session.rig[name], flesh, rays[name])[0] >= 0
             outlined.append(drawn_overlap(seen, polygon))
         views = marked.get(frame, {})

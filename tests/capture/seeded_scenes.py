@@ -64,7 +64,7 @@ def recording(
         params[:6] = 0.10 * np.sin(phase), 0.04 * np.cos(2 * phase), 0, 0, 0.4 * np.sin(phase), 0.3
         params = model.clipped(params)
         bones = model.bones(params)
-        front, _, normal = render(camera, model.flesh["fine"].posed(bones), rays)
+        front, _, normal = render(camera, model.ellipsoids["fine"].posed(bones), rays)
         hand = front >= 0
         image = behind.copy()
         if light != "even":

@@ -93,7 +93,7 @@ def _fields(depth_scaled: bool) -> float:
         truth = model.clipped(model.transform.solver_params(joint))
         off = rng.normal(size=len(truth)) * ([0.005] * 3 + [np.deg2rad(3.0)] * (len(truth) - 3))
         seen = field_views(model, truth, cameras, depth_scaled)
-        term = ConicFieldTerm(seen, model.flesh["fine"], normalised=not depth_scaled)
+        term = ConicFieldTerm(seen, model.ellipsoids["fine"], normalised=not depth_scaled)
         end = solve(Problem(model, [term]), model.clipped(truth + off), settings)
         found += joint_error_mm(model, end.params, truth) < _FOUND_MM
     return found / _POSES

@@ -152,7 +152,7 @@ def mujoco(kind, folder):
     table, (path, states) = written(kind, "urdf", folder)
     robot = engine.MjModel.from_xml_path(str(path))
     data = engine.MjData(robot)
-    assert robot.ngeom == len(table.model.flesh["fine"].bone)  # it shows them
+    assert robot.ngeom == len(table.model.ellipsoids["fine"].bone)  # it shows them
 
     def placed(angles):
         for name, angle in angles.items():

@@ -80,7 +80,7 @@ def test_the_left_hand_is_the_exact_mirror_image(rng):
     flip = np.array([-1.0, 1.0, 1.0])
     assert_allclose(right.joint_positions(a) * flip, left.joint_positions(b), atol=1e-14)
     for key in ("fine", "metaballs"):
-        one, other = right.flesh[key].posed(a), left.flesh[key].posed(b)
+        one, other = right.ellipsoids[key].posed(a), left.ellipsoids[key].posed(b)
         assert_allclose(one.centre * flip, other.centre, atol=1e-14)
         shape = np.einsum("eij,ej,ekj->eik", one.rotation, one.radii**2, one.rotation)
         mirror = np.einsum("eij,ej,ekj->eik", other.rotation, other.radii**2, other.rotation)

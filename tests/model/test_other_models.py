@@ -175,7 +175,7 @@ def test_it_moves_as_in_mujoco(hand, rng):
             assert_allclose(
                 ours[joint], turn.T @ (data.joint(joint).xanchor - palm.xpos), atol=1e-8
             )
-        flesh = model.flesh["fine"].posed(bones)
+        flesh = model.ellipsoids["fine"].posed(bones)
         geoms = turn.T @ (data.geom_xpos[2:] - palm.xpos).T  # after plane and table, in their order
         assert_allclose(flesh.centre, geoms.T, atol=1e-8)
 
@@ -190,4 +190,6 @@ def test_limits_couplings_and_shapes(hand):
     pose = coupled.joint_params(coupled.params_from({"thumb_bend": 0.5}))
     angle = dict(zip(coupled.parameter_names, pose, strict=True))
     assert angle["thumb_curl"] == pytest.approx(0.7 * angle["thumb_bend"])
-    assert_allclose(model.flesh["fine"].radii[-3:].min(axis=1), (0.001, 0.009, 0.007), atol=1e-9)
+    assert_allclose(
+        model.ellipsoids["fine"].radii[-3:].min(axis=1), (0.001, 0.009, 0.007), atol=1e-9
+    )

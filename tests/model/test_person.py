@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from handtrack import HandScale, HandtrackError, load_model
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ShapeCovariance
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.model_file import read_scale, scale_from, scale_table, write_scale
 from handtrack.model.size import (
     SizeParameters,
@@ -110,7 +110,7 @@ def test_a_bodys_offsets_are_mirror_images():
     model = size.rescaled(deviations)
     bones = model.bones(model.params_from({}))
     beside = bones.to_world(model.joint_bone, model.observed_point) - model.joint_positions(bones)
-    left, right, knee, nose = (beside[model.joint_names.index(name)] for name in size.seen)
+    left, right, knee, nose = (beside[model.joint_names.index(name)] for name in size.observed)
     assert_allclose(left, right * [-1.0, 1.0, 1.0], atol=1e-12)
     assert abs(left[0]) > 0.01
     assert abs(knee[0]) > 0.01
@@ -131,8 +131,8 @@ def test_a_grown_model_is_the_model_of_that_size(size, rng):
     assert_allclose(here.position, there.position, atol=1e-12)
     joints = rescaled.joint_positions(here), built.joint_positions(there)
     assert_allclose(*joints, atol=1e-12)
-    for flesh in base.flesh:
-        ours, theirs = rescaled.flesh[flesh].posed(here), built.flesh[flesh].posed(there)
+    for flesh in base.ellipsoids:
+        ours, theirs = rescaled.ellipsoids[flesh].posed(here), built.ellipsoids[flesh].posed(there)
         assert_allclose(ours.centre, theirs.centre, atol=1e-12)
         assert_allclose(ours.radii, theirs.radii, atol=1e-12)
     points = here.position + 0.02
@@ -145,7 +145,7 @@ def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
     """dX = v + G (X − o), for a point that is fixed to a bone, and for the middle and the axes of an ellipsoid."""
     deviations, order = rng.normal(size=len(size.names)), rng.permutation(len(size.names))
     params, local = posed(size.model, rng), rng.normal(size=(len(size.model.groups), 3))
-    every, flesh = np.arange(len(local)), size.model.flesh["fine"]
+    every, flesh = np.arange(len(local)), size.model.ellipsoids["fine"]
     names, count = [size.names[number] for number in order], len(order)
 
     def centres(bones):
@@ -170,7 +170,7 @@ def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
     on = gradient[flesh.bone]
     moved = fields.joints[:, :3] + np.einsum("bijk,bj->bik", gradient, arm)
     check(lambda bones: bones.to_world(every, local), moved)
-    check(centres, fields.flesh[flesh.bone, :3] + np.einsum("eijk,ej->eik", on, off))
+    check(centres, fields.surface[flesh.bone, :3] + np.einsum("eijk,ej->eik", on, off))
     stretched = np.einsum("eijk,ejl->eilk", on, shapes(bones))
     check(shapes, stretched + stretched.swapaxes(1, 2), atol=1e-9)
 

@@ -241,7 +241,7 @@ def test_the_model_is_built_again_from_the_file(kind, tmp_path):
     assert (again.side, again.kind, again.scale) == (model.side, model.kind, model.scale)
     bones = again.bones(again.transform.solver_params(back.parameters[-1]))
     assert_allclose(bones.T_world_bone, back.T_world_bone[-1], atol=1e-12)
-    assert_array_equal(again.flesh["fine"].radii, model.flesh["fine"].radii)
+    assert_array_equal(again.ellipsoids["fine"].radii, model.ellipsoids["fine"].radii)
     rig = rig_from_json(back.cameras, "cameras")
     assert rig.names == ("front", "side")
     assert_allclose(rig["side"].rotation, sample_rig()["side"].rotation, atol=1e-12)

@@ -101,10 +101,10 @@ def test_a_cuff_is_modelled_as_long_as_masks_show_it_and_found_again(run):
     assert length == pytest.approx({1.0: 0.04, 1.1: 0.044})
     result = next(iter(cuffed.track(range(1), *cuffed.initial())))
     again = model_of(cuffed.result([result]))
-    assert_allclose(again.flesh["fine"].radii, cuffed.model.flesh["fine"].radii)
+    assert_allclose(again.ellipsoids["fine"].radii, cuffed.model.ellipsoids["fine"].radii)
     arm = run.with_forearm(np.inf).model
     asked = cuffed.with_values({"model.forearm": "true"}).model
-    assert_array_equal(asked.flesh["fine"].radii, arm.flesh["fine"].radii)
+    assert_array_equal(asked.ellipsoids["fine"].radii, arm.ellipsoids["fine"].radii)
 
 
 MEAN = load_model("hand26")

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import Session, load_model
-from handtrack.model.flesh import Ellipsoids, model_mask
+from handtrack.model.ellipsoids import Ellipsoids, model_mask
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.motion import MOTIONS, motion
 from handtrack.simulation.render import render
@@ -31,7 +31,7 @@ def test_a_session_opens_and_its_truth_is_the_motion(tmp_path, side, lens):
     for frame, params in enumerate(joint):
         bones = model.bones(params)
         assert_allclose(session.truth.keypoints21[frame], model.keypoints21(bones))
-        flesh = model.flesh["fine"].posed(bones)
+        flesh = model.ellipsoids["fine"].posed(bones)
         for seen in session.observation(frame).silhouettes:
             exact = model_mask(seen.camera, flesh).astype(np.uint8)
             if lens:

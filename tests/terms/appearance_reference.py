@@ -10,7 +10,7 @@ from tests.terms.plain_rows import system_of
 def edges_system(term, bones):
     """Return the system of an OutlineEdgesTerm: rows along the normals, weighed by how likely each edge is."""
     total = None
-    for seen in term.seen:
+    for seen in term.observed:
         outline = seen.outline
         points = bones.to_world(outline.bone, outline.local)
         x = ((outline.camera.project(points) - outline.pixel) * outline.normal).sum(axis=1)
@@ -53,7 +53,7 @@ def bilinear(image, pixels):
 def texture_system(term, bones):
     """Return the system of a CarriedTextureTerm: three rows a point, robust together."""
     total = None
-    for texture, image in term.seen:
+    for texture, image in term.observed:
         camera = texture.camera
         points = bones.to_world(texture.bone, texture.local)
         values, slopes = bilinear(image.values, camera.project(points) - image.corner)

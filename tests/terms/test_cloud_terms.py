@@ -11,7 +11,7 @@ from handtrack import load_model
 from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, visible_from
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.clouds.distance_map import distance_map
 from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
@@ -128,15 +128,15 @@ def test_only_what_a_view_can_have_measured_is_asked_for():
     mesh = surface_mesh(SURFACE, bones, 0.005)
     vertices, normals = mesh.carried(bones)
     front, side = np.array([[0.0, 0.1, 0.5]]), np.array([[0.5, 0.1, 0.1]])
-    seen = seen_from(vertices, normals, [front])
+    seen = visible_from(vertices, normals, [front])
     assert (normals[seen] @ [0, 0, 1] > 0).all()
     assert seen[normals[:, 2] > 0.8].mean() > 0.9
-    both = seen_from(vertices, normals, [np.concatenate([front, side])])
-    either = seen_from(vertices, normals, [front, side])
-    by_side = seen_from(vertices, normals, [side])
+    both = visible_from(vertices, normals, [np.concatenate([front, side])])
+    either = visible_from(vertices, normals, [front, side])
+    by_side = visible_from(vertices, normals, [side])
     assert_array_equal(both, seen & by_side)
     assert_array_equal(either, seen | by_side)
-    assert seen_from(vertices, normals, []).all()
+    assert visible_from(vertices, normals, []).all()
     # the thumb's side towards x is hidden from the other side by the palm: little of it may be asked for
     thumb = np.isin(mesh.bone, [HAND.skeleton.bone(f"thumb_{b}") for b in ("proximal", "distal")])
     facing = normals @ [1, 0, 0] > 0.5

@@ -50,7 +50,7 @@ def test_it_agrees_with_the_plain_form(rng):
 
 def test_neighbours_and_what_touches_at_rest_do_not_collide():
     body = load_model("body34")
-    assert len(colliding_pairs(body, body.flesh["fine"])) > 100
+    assert len(colliding_pairs(body, body.ellipsoids["fine"])) > 100
     assert CollisionTerm.of(body).cost(body.bones(body.rest_params())) == 0.0
 
 

@@ -90,7 +90,7 @@ def test_collision(rng):
         bent |= {f"{side}_shoulder_flex": 70, f"{side}_elbow_flex": 60, f"{side}_hip_flex": 110}
     joint = body.params_from({name: np.deg2rad(angle) for name, angle in bent.items()})
     joint[6:] += rng.normal(scale=0.05, size=len(joint) - 6)
-    flesh = body.flesh["metaballs"]
+    flesh = body.ellipsoids["metaballs"]
     term = CollisionTerm(flesh, colliding_pairs(body, flesh), slack_m=0.003)
     bones = body.bones(joint)
     assert (term.depths(bones) > term.slack_m).sum() >= 3

@@ -8,7 +8,7 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.terms.clouds.cloud_emptiness import seen_from
+from handtrack.terms.clouds.cloud_emptiness import visible_from
 from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.sequence import track_frames
 
@@ -38,7 +38,7 @@ def bent(model, params, finger, degrees):
 def on_surface(model, params, count, rng, eye=None):
     """Return points (N, 3) and normals on a posed model's surface; eye: only what a camera there sees."""
     points, normals = sample_surface(MetaballSurface.of(model), model.bones(params), count, rng)
-    seen = slice(None) if eye is None else seen_from(points, normals, [eye[None]])
+    seen = slice(None) if eye is None else visible_from(points, normals, [eye[None]])
     return points[seen], normals[seen]
 
 

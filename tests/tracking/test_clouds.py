@@ -101,9 +101,11 @@ def test_it_does_not_take_another_hands_flesh_for_another_pose():
     inside = []
     for seed, pose in enumerate(("open", "curl", "rest")):
         rng = np.random.default_rng(seed)
-        flesh = HAND.flesh["metaballs"]
+        flesh = HAND.ellipsoids["metaballs"]
         radii = flesh.radii * np.exp(0.12 * rng.normal(size=(len(flesh), 1)))
-        other = replace(HAND, flesh=HAND.flesh | {"metaballs": replace(flesh, radii=radii)})
+        other = replace(
+            HAND, ellipsoids=HAND.ellipsoids | {"metaballs": replace(flesh, radii=radii)}
+        )
         joint = posed(HAND, pose)
         seen = next(depth_views(other, joint[None], replace(FINE, size=(320, 240)), rng))
         _, found = Tracker(HAND).step(TrackerState.beginning_at(joint), seen)

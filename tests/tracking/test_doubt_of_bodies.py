@@ -133,7 +133,7 @@ def _way(poses, *cameras):
 def test_limbs_are_flipped_in_all_frames_alone_and_together():
     ways = trajectory_hypotheses(_way(_reaching(), FRONT), FRAMES, 6)
     assert [way.cost for way in ways] == sorted(way.cost for way in ways)
-    places = [np.array([places_of(pose) for pose in way.found.poses]) for way in ways]
+    places = [np.array([places_of(pose) for pose in way.estimate.poses]) for way in ways]
     deep = [np.abs((off - places[0]) @ FRONT.rotation[2]).max(axis=1) for off in places[1:]]
     assert any((frames > 0.1).all() for frames in deep)
     assert any(way.origin.count(" flipped") == 2 for way in ways)

@@ -13,7 +13,7 @@ from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.lost_finger import (
     FingerObjective,
     finger_shifts,
-    with_fingers_found,
+    with_fingers_recovered,
 )
 from tests.tracking.scenes import bent, on_surface, posed
 
@@ -36,7 +36,7 @@ class Scene:
         return self.objective.measured(Candidate(MODEL, params)).cost
 
     def found(self):
-        return with_fingers_found(self.terms, self.params, Control(), 0, "a test")
+        return with_fingers_recovered(self.terms, self.params, Control(), 0, "a test")
 
 
 def worst_mm(*poses):
@@ -85,6 +85,6 @@ def test_a_finger_may_fold_out_of_a_depth_cameras_sight():
     seen = Observation(0, 0.0, cloud=PointCloud(points), cloud_views=(eye[None],))
     terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(OPEN), None)
     before, anew = (
-        sum(term.cost(bones) for term in t.stage(bones)) for t in (terms, terms.as_seen_at(bones))
+        sum(term.cost(bones) for term in t.stage(bones)) for t in (terms, terms.visible_at(bones))
     )
     assert anew < 0.05 * before

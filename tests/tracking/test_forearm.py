@@ -26,7 +26,7 @@ from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.forearm import forearm_in_view, forearm_length
 from handtrack.tracking.search.initialize import carried_over
-from handtrack.tracking.search.lost_finger import with_fingers_found
+from handtrack.tracking.search.lost_finger import with_fingers_recovered
 from handtrack.tracking.size.person import Subject
 from handtrack.tracking.whole.likelihood import Recording
 from handtrack.tracking.whole.recording_estimate import refine
@@ -147,7 +147,7 @@ def test_a_forearm_that_points_elsewhere_is_found(true, began):
     seen = mask_views(WHOLE, truth, simulated_rig(3, (320, 240)).cameras)
     terms = frame_terms(WHOLE, UNSEARCHED, seen, WHOLE.bones(start), None)
     stuck = descend(terms, start)[0].params
-    found = with_fingers_found(terms, stuck, Control(), 0, "a test")
+    found = with_fingers_recovered(terms, stuck, Control(), 0, "a test")
     wrist = [WHOLE.transform.names.index(name) for name in ("wrist_flex", "wrist_abd")]
     assert np.abs(stuck - truth)[wrist].max() > 0.5
     np.testing.assert_allclose(found[wrist], truth[wrist], atol=0.02)

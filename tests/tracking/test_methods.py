@@ -55,7 +55,7 @@ def test_silhouettes_cost_half_the_sum_of_all_pixels_squares(fist):
         replace(s, valid=p.mask.valid)  # without what lies behind the wrist
         for s, p in zip(seen.silhouettes, terms.prepared, strict=True)
     ]
-    plain = dense_field(kept, fist.model.flesh["fine"], bones)
+    plain = dense_field(kept, fist.model.ellipsoids["fine"], bones)
     for inside in (settings("paper2007").traits.inside, -1.0):
         chosen = settings("paper2007")
         chosen = replace(chosen, traits=replace(chosen.traits, inside=inside))

@@ -18,7 +18,7 @@ from handtrack import (
 )
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.flesh import model_mask
+from handtrack.model.ellipsoids import model_mask
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
@@ -146,7 +146,7 @@ def test_a_camera_that_takes_one_finger_for_another_is_let_go():
 
 def test_masks_wider_than_the_hand_are_told_as_wide_as_they_are():
     def observe(frame, _bones=None):
-        flesh = HAND.flesh["fine"].posed(HAND.bones(POSES[frame]))
+        flesh = HAND.ellipsoids["fine"].posed(HAND.bones(POSES[frame]))
         masks = (model_mask(camera_at(k), flesh).astype(np.uint8) for k in range(3))
         wide = (cv2.dilate(mask, disc) for mask in masks)  # 3 px, which are 3 mm
         seen = (Silhouette(camera_at(k), mask.astype(float)) for k, mask in enumerate(wide))
@@ -201,12 +201,12 @@ def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
     pose = HAND.rest_params()[None]
     for k, (camera, corrected) in enumerate(zip(cameras.cameras, cameras.corrected(), strict=True)):
         # a zoom is true to its share of the hand's own depth: 5 % of 0.1 m at 0.5 m, a hundredth of the picture
-        seen = HAND.bones(cameras.seen_poses(k, pose, np.zeros_like(pose)).poses[0])
+        seen = HAND.bones(cameras.camera_poses(k, pose, np.zeros_like(pose)).poses[0])
         off = camera.project(seen.position) - corrected.project(bones.position)
         size = np.ptp(corrected.project(bones.position), axis=0).max()
         assert np.abs(off - off.mean(axis=0)).max() < 0.01 * size
         cameras.values[k, 6] = 0.0
-        seen = HAND.bones(cameras.seen_poses(k, pose, np.zeros_like(pose)).poses[0])
+        seen = HAND.bones(cameras.camera_poses(k, pose, np.zeros_like(pose)).poses[0])
         assert_allclose(
             camera.project(seen.position), cameras.corrected()[k].project(bones.position), atol=1e-9
         )

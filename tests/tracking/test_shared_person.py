@@ -15,12 +15,12 @@ from handtrack import (
     load_model,
 )
 from handtrack.model.articulated import ShapeCovariance
-from handtrack.model.flesh import model_mask
+from handtrack.model.ellipsoids import model_mask
 from handtrack.model.model_file import read_scale, write_scale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.solver.problem import Problem
-from handtrack.terms.clouds.cloud_emptiness import seen_from
+from handtrack.terms.clouds.cloud_emptiness import visible_from
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.size.cameras import CameraChanges
@@ -69,7 +69,7 @@ def test_a_frames_system_has_the_derivatives_of_its_cost_by_pose_cameras_and_per
     def system(x):
         there = shared.stepped(x[size:])
         pose = moved(poses, np.tile(x[:size], (3, 1)))
-        views = [there.cameras.seen_poses(k, pose, speed) for k in range(3)]
+        views = [there.cameras.camera_poses(k, pose, speed) for k in range(3)]
         seen = likelihood.sharing(there).of(1)
         return seen.linearize(pose[1], views, 1, there.person)[0]
 
@@ -178,7 +178,7 @@ def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng):
         seen = []
         for frame, pose in enumerate(poses):
             points, normals = on_surface(person, pose, 4000, rng)
-            points = points[seen_from(points, normals, views)]
+            points = points[visible_from(points, normals, views)]
             cloud = PointCloud(points + rng.normal(scale=1e-3, size=points.shape))
             seen.append(Observation(frame, 3 * frame / FPS, cloud=cloud, cloud_views=tuple(views)))
         looks = [(one, poses[0, :3]) for one in seen]
@@ -203,7 +203,7 @@ def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng):
 def test_masks_of_one_camera_that_are_too_wide_make_no_thicker_hand():
     """A segmentation that takes a rim of background for hand does so in all frames."""
     poses = POSES[::10]
-    flesh = HAND.flesh["fine"]
+    flesh = HAND.ellipsoids["fine"]
     seen = []
     for frame, pose in enumerate(poses):
         views = [
@@ -215,7 +215,7 @@ def test_masks_of_one_camera_that_are_too_wide_make_no_thicker_hand():
     assert found is not None
     model = WHO.build(found)
     assert hand_length_mm(model) == pytest.approx(hand_length_mm(HAND), rel=0.01)
-    thicker = np.log(model.flesh["fine"].radii / flesh.radii)
+    thicker = np.log(model.ellipsoids["fine"].radii / flesh.radii)
     assert abs(thicker.mean()) < 0.02
 
 

@@ -40,7 +40,7 @@ def check_model(file: Path, out: Path | None, json: bool) -> int:
     report = {
         "name": model.name, "kind": model.kind, "bones": len(model.skeleton.bone_names),
         "freedoms": list(model.parameter_names[6:]), "joints": list(model.joint_names),
-        "ellipsoids": {key: len(ellipsoids.bone) for key, ellipsoids in model.flesh.items()}, "findings": odd, "output": out,
+        "ellipsoids": {key: len(ellipsoids.bone) for key, ellipsoids in model.ellipsoids.items()}, "findings": odd, "output": out,
     }  # fmt: skip
     if out is not None:
         is_robot = out.suffix.lower() == _ROBOT
@@ -68,11 +68,13 @@ def findings(model: ArticulatedModel) -> list[str]:
         f"freedom '{name}': its rest of {np.rad2deg(r):.0f}° is outside of its limits"
         for name, r, a, b in zip(names, rest, low, high) if not a - 1e-9 <= r <= b + 1e-9
     ]  # fmt: skip
-    bare = [bone for b, bone in enumerate(bones) if b not in set(model.flesh["fine"].bone.tolist())]
+    bare = [
+        bone for b, bone in enumerate(bones) if b not in set(model.ellipsoids["fine"].bone.tolist())
+    ]
     moving = {bones[b] for b in model.skeleton.hinge_bone}
     last = [b for b in bare if b in moving and bones.index(b) not in model.skeleton.parent]
     odd += [f"bone '{bone}' moves but has no ellipsoid: silhouettes cannot measure it" for bone in last]  # fmt: skip
-    ellipsoids = model.flesh["fine"]
+    ellipsoids = model.ellipsoids["fine"]
     thin = np.flatnonzero(ellipsoids.radii.min(axis=1) < _THIN_M)
     odd += [f"ellipsoid {bones[ellipsoids.bone[n]]}_{n} is thinner than 0.1 mm" for n in thin]
     size = float(np.ptp(model.joint_positions(model.bones(model.rest_params())), axis=0).max())

@@ -52,7 +52,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
     """Return everything the page is built from."""
     session, model = document.run.session, document.model
     driving = {model.parameter_names[s] for s in model.driving_joints}
-    ellipsoids = model.flesh["fine"]
+    ellipsoids = model.ellipsoids["fine"]
     return SessionSnapshot(
         name=session.name,
         folder=str(session.folder),
@@ -157,7 +157,7 @@ def pose_snapshot(document: Document) -> PoseSnapshot:
     """Return the hand as it is shown."""
     model, frame = document.model, document.frame
     bones = model.bones_within_limits(document.displayed)
-    posed = model.flesh["fine"].posed(bones)
+    posed = model.ellipsoids["fine"].posed(bones)
     result = document.results.get(frame)
     is_now = document.before is None
     by_hand = frame in document.by_hand

@@ -125,7 +125,7 @@ def close_pictures(
     pictures = {}
     for result in results:
         camera = "" if result.reason is None else result.reason.camera
-        ellipsoids = model.flesh["fine"].posed(model.bones_within_limits(result.parameters))
+        ellipsoids = model.ellipsoids["fine"].posed(model.bones_within_limits(result.parameters))
         close = maker.screen(
             camera if camera in names else names[0], result.frame, "close", ellipsoids, None, aside
         )

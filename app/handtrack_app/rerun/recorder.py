@@ -254,7 +254,7 @@ class _Painter:
         """Return how far model and mask overlap in each camera."""
         observed, bones = self._terms.prepared, self._model.bones(self.params)
         result = (
-            outline_overlap(observed, self._model.flesh["fine"], bones).iou.tolist()
+            outline_overlap(observed, self._model.ellipsoids["fine"], bones).iou.tolist()
             if observed
             else []
         )

@@ -71,7 +71,7 @@ def log_space(
     ends = bones.position + bones.rotation[:, :, 1] * model.skeleton.length[:, None]
     rods = np.stack([bones.position, ends], axis=1)
     recording.log("world/skeleton", rr.LineStrips3D(rods, radii=0.0008, colors=[40, 90, 200]))
-    ellipsoids = model.flesh["fine"].posed(bones)
+    ellipsoids = model.ellipsoids["fine"].posed(bones)
     turns = quaternion_wxyz(ellipsoids.rotation)[:, [1, 2, 3, 0]]
     shown = rr.Ellipsoids3D(
         centers=ellipsoids.centre, half_sizes=ellipsoids.radii, quaternions=turns, colors=[230, 180, 150], fill_mode="solid"

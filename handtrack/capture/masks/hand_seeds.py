@@ -17,7 +17,7 @@ _PALM_M = 0.09
 """wrist to knuckles, and about the palm's breadth, of a mean adult (hand26's definition): what sizes are told by"""
 _FINGER_M = 0.008
 """half a finger's breadth"""
-_PALM_FLESH_M = 0.015
+_PALM_DEPTH_M = 0.015
 """of the palm beyond the joints at its edges: heel, ball of the thumb and the little finger's side; as the finger's until a look
 at desk_two_view showed palms cut"""
 _CORE_M = 0.003
@@ -91,7 +91,7 @@ def seeds_of_joints(joints: Mapping[str, Floats[D2]], size: tuple[int, int]) -> 
     flat = np.array([points[name] for name in _PALM if name in points]) - shift
     cv2.fillPoly(palm_drawn, [cv2.convexHull(np.rint(flat).astype(np.int32))], 255)
     of_palm, of_bones = _inside(palm_drawn) / px_per_m, _inside(bones) / px_per_m
-    inside = np.maximum(of_palm + _PALM_FLESH_M, of_bones + _FINGER_M)
+    inside = np.maximum(of_palm + _PALM_DEPTH_M, of_bones + _FINGER_M)
     core = (of_palm > _CORE_M) | (of_bones > -_CORE_M)
     along = _along(points["wrist"], np.mean(knuckles, axis=0))
     return _seeds((x, y), inside, core, _JOINTS_OFF_M, along, px_per_m)

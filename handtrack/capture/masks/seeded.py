@@ -131,7 +131,7 @@ class SeededMasks:
         """Return log-odds by each pixel alone: its colour, and how it differs from the background."""
         odds = (hand - other)[part.bins]
         if part.change is not None:
-            change = np.where(part.seen_empty, self._by_change[part.change], odds)
+            change = np.where(part.is_background, self._by_change[part.change], odds)
             odds = _CUE_WEIGHT * (odds + change)
         return odds.astype(np.float32)
 
@@ -146,7 +146,7 @@ class SeededMasks:
             ):
                 colours += counted(part.bins, share)
                 if part.change is not None:
-                    changes += counted(part.change, share * part.seen_empty)
+                    changes += counted(part.change, share * part.is_background)
         self._hand_log, self._other_log = log_likelihood(hand), log_likelihood(other)
         self._by_change = log_likelihood(moved) - log_likelihood(stayed)
 
@@ -171,7 +171,7 @@ class _Part:
         self.change = None
         if empty is not None:
             behind, known = (_cut(picture, image.shape, seeds, size) for picture in empty)
-            self.seen_empty = known > 0.5
+            self.is_background = known > 0.5
             away = small.astype(np.int16) - behind
             self.change = bins_of(np.clip(128 + away, 0, 255).astype(np.uint8))
 

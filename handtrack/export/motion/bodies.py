@@ -23,17 +23,17 @@ def bone_masses(
 
     Overlaps of ellipsoids count twice: for looking and inverse kinematics, not for forces.
     """
-    flesh, count = model.flesh["fine"], model.skeleton.bone_count
+    ellipsoids, count = model.ellipsoids["fine"], model.skeleton.bone_count
     mass, centre = np.full(count, LEAST_MASS_KG), np.zeros((count, 3))
     inertia = np.tile(LEAST_INERTIA * np.eye(3), (count, 1, 1))
-    weights = _DENSITY * 4.0 / 3.0 * np.pi * flesh.radii.prod(axis=1)
+    weights = _DENSITY * 4.0 / 3.0 * np.pi * ellipsoids.radii.prod(axis=1)
     for bone in range(count):
-        own = np.flatnonzero(flesh.bone == bone)
+        own = np.flatnonzero(ellipsoids.bone == bone)
         if len(own):
             mass[bone] = max(float(weights[own].sum()), LEAST_MASS_KG)
-            centre[bone] = weights[own] @ flesh.centre[own] / mass[bone]
-            places = flesh.centre[own] - centre[bone]
-            inertia[bone] += _inertia(weights[own], places, flesh.radii[own])
+            centre[bone] = weights[own] @ ellipsoids.centre[own] / mass[bone]
+            places = ellipsoids.centre[own] - centre[bone]
+            inertia[bone] += _inertia(weights[own], places, ellipsoids.radii[own])
     return mass, centre, inertia
 
 

@@ -84,19 +84,19 @@ def osim_text(model: ArticulatedModel) -> str:
 
 
 def _body(bodies: Element, model: ArticulatedModel, bone: int) -> Element:
-    name, flesh = model.skeleton.bone_names[bone], model.flesh["fine"]
+    name, ellipsoids = model.skeleton.bone_names[bone], model.ellipsoids["fine"]
     body = element(bodies, "Body", name=name)
-    own = np.flatnonzero(flesh.bone == bone)
+    own = np.flatnonzero(ellipsoids.bone == bone)
     parts = element(body, "components")
     for k in own:
         frame = element(parts, "PhysicalOffsetFrame", name=f"{name}_flesh_{k}")
         shape = element(element(frame, "attached_geometry"), "Ellipsoid", name=f"{name}_shape_{k}")
         element(shape, "socket_frame", "..")
         element(element(shape, "Appearance"), "color", "0.85 0.7 0.6")
-        element(shape, "radii", numbers(flesh.radii[k]))
+        element(shape, "radii", numbers(ellipsoids.radii[k]))
         element(frame, "socket_parent", "..")
-        element(frame, "translation", numbers(flesh.centre[k]))
-        element(frame, "orientation", numbers(euler_angles(flesh.rotation[k], "XYZ")))
+        element(frame, "translation", numbers(ellipsoids.centre[k]))
+        element(frame, "orientation", numbers(euler_angles(ellipsoids.rotation[k], "XYZ")))
     return body
 
 

@@ -117,19 +117,25 @@ def _joint(
 
 
 def _link(robot: Element, model: ArticulatedModel, bone: int) -> Element:
-    link, flesh = element(robot, "link", name=model.skeleton.bone_names[bone]), model.flesh["fine"]
-    for k in np.flatnonzero(flesh.bone == bone):
+    link, ellipsoids = (
+        element(robot, "link", name=model.skeleton.bone_names[bone]),
+        model.ellipsoids["fine"],
+    )
+    for k in np.flatnonzero(ellipsoids.bone == bone):
         shape = element(link, "visual")
-        long = int(np.argmax(flesh.radii[k]))
+        long = int(np.argmax(ellipsoids.radii[k]))
         axes = np.roll(
-            flesh.rotation[k], 2 - long, axis=1
+            ellipsoids.rotation[k], 2 - long, axis=1
         )  # the longest axis as z, still right-handed
-        across = np.sqrt(flesh.radii[k].prod() / flesh.radii[k, long])
+        across = np.sqrt(ellipsoids.radii[k].prod() / ellipsoids.radii[k, long])
         element(
-            shape, "origin", xyz=numbers(flesh.centre[k]), rpy=numbers(euler_angles(axes, "xyz"))
+            shape,
+            "origin",
+            xyz=numbers(ellipsoids.centre[k]),
+            rpy=numbers(euler_angles(axes, "xyz")),
         )
         # as long and thick as to have the ellipsoid's volume: 4/3 π abc = π r² · 4/3 a
-        length = 4.0 / 3.0 * flesh.radii[k, long]
+        length = 4.0 / 3.0 * ellipsoids.radii[k, long]
         element(
             element(shape, "geometry"), "cylinder", radius=f"{across:.6g}", length=f"{length:.6g}"
         )

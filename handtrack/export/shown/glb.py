@@ -96,7 +96,7 @@ def blended(model: ArticulatedModel, skin: PartMesh) -> tuple[Array[V, D4], Floa
     Half of a vertex that lies on its own bone's ellipsoids and on a neighbour's is each one's; a vertex _BLEND_M away from a
     neighbour is its own bone's alone. For looking: what is measured is the rigid surface.
     """
-    skeleton, shapes = model.skeleton, model.flesh["fine"]
+    skeleton, shapes = model.skeleton, model.ellipsoids["fine"]
     posed = model.bones(model.rest_params())
     points, _ = skin.carried(posed)
     share = np.zeros((len(points), skeleton.bone_count))

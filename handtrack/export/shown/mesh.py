@@ -15,7 +15,7 @@ from handtrack.model.surfaces.surface_mesh import model_mesh, relaxed_mesh
 
 def model_skin(model: ArticulatedModel) -> PartMesh:
     """Return a hand's merged surface in one piece, where it has metaballs; else its parts."""
-    if model.kind != "hand" or "metaballs" not in model.flesh:
+    if model.kind != "hand" or "metaballs" not in model.ellipsoids:
         return model_mesh(model)
     relaxed = model.bones(model.rest_params())
     mesh = relaxed_mesh(model, SHARPNESS_PER_M, "d3")

@@ -13,7 +13,7 @@ from handtrack.errors import HandtrackError
 from handtrack.export.shown.mesh import joint_links
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import Status
@@ -29,7 +29,7 @@ _COLOURS = {
     Status.DOUBTFUL: (40, 170, 240),
     Status.LOST: (60, 60, 230),
 }
-_FLESH = (230, 190, 120)
+_MODEL_COLOUR = (230, 190, 120)
 
 
 def write(path: Path, table: ResultsTable) -> None:
@@ -49,13 +49,13 @@ def write(path: Path, table: ResultsTable) -> None:
             f"{table.session_folder}: no camera has images or masks in frames {track.frame[0]} to {track.frame[-1]}, so that there is "
             "nothing to draw on. `--to html` shows the track without images."
         )
-    links, flesh = joint_links(table.model), table.model.flesh["fine"]
+    links, ellipsoids = joint_links(table.model), table.model.ellipsoids["fine"]
     with replacing(path) as part:
         film = None
         for row, frame in enumerate(track.frame):
             poses = track.T_world_bone[row]
             bones = BonePoses(poses[0, :3, 3], poses[:, :3, :3], poses[:, :3, 3])
-            drawn = flesh.posed(bones), track.joint_positions[row], links
+            drawn = ellipsoids.posed(bones), track.joint_positions[row], links
             status = Status(int(track.status[row]))
             pictures = [
                 _picture(session, name, int(frame), drawn, status, table.is_lost[row])
@@ -81,10 +81,10 @@ _Drawn = tuple[Ellipsoids, Floats[J, D3], list[tuple[int, int]]]
 
 def _has_images(session: Session, name: str, frames: Ints[F]) -> bool:
     asked = (int(frames[0]), int(frames[len(frames) // 2]), int(frames[-1]))
-    return any(_seen(session, name, frame) is not None for frame in asked)
+    return any(_image_or_mask(session, name, frame) is not None for frame in asked)
 
 
-def _seen(session: Session, name: str, frame: int) -> Array | None:
+def _image_or_mask(session: Session, name: str, frame: int) -> Array | None:
     """Return an image BGR as it was taken; where there is none the mask, darker; None where there is neither."""
     image = session.image(name, frame)
     if image is None:
@@ -99,7 +99,7 @@ def _picture(
     session: Session, name: str, frame: int, drawn: _Drawn, status: Status, lost: bool
 ) -> Array[H, W, D3]:
     """Return an image as it was taken, made smaller, with the model over it; dark where there is none. A lost pose is not drawn."""
-    image, camera = _seen(session, name, frame), session.rig[name]
+    image, camera = _image_or_mask(session, name, frame), session.rig[name]
     across = 2 * round(_HEIGHT_PX * camera.size[0] / camera.size[1] / 2)  # codecs want even ones
     if image is None:
         shown = np.zeros((_HEIGHT_PX, across, 3), np.uint8)
@@ -108,11 +108,11 @@ def _picture(
     small = camera.scaled((across, _HEIGHT_PX))
     ink = _COLOURS.get(status, _COLOURS[Status.TRACKED])
     if not lost:
-        flesh, joints, links = drawn
-        lines = outline_polygons(small.without_distortion(), flesh)
+        ellipsoids, joints, links = drawn
+        lines = outline_polygons(small.without_distortion(), ellipsoids)
         lines = [small.distort_points(line) for line in lines]
         whole = [np.rint(line).astype(np.int32) for line in lines if np.isfinite(line).all()]
-        tinted = cv2.fillPoly(shown.copy(), whole, _FLESH)
+        tinted = cv2.fillPoly(shown.copy(), whole, _MODEL_COLOUR)
         shown = cv2.addWeighted(tinted, _TINT, shown, 1.0 - _TINT, 0.0)
         cv2.polylines(shown, whole, True, ink, 1, cv2.LINE_AA)
         places = small.project(joints)

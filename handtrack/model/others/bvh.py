@@ -29,11 +29,11 @@ def read_bvh(path: Path) -> dict[str, Any]:
     by_name = {link.name: link for link in links}
     for link in links:
         if link.parent is not None:
-            _add_flesh(by_name[link.parent], link)
+            _add_ellipsoid(by_name[link.parent], link)
     return definition_of(path.stem, links, str(path))
 
 
-def _add_flesh(link: Link, child: Link) -> None:
+def _add_ellipsoid(link: Link, child: Link) -> None:
     """Add an ellipsoid from a link's joint to a child's."""
     half = 0.5 * float(np.linalg.norm(child.place))
     if half <= 0:

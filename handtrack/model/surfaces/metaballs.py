@@ -12,7 +12,7 @@ import numpy as np
 from handtrack.arrays import D3, D16, Array, E, Floats, Ints, K, L, N, array_dataclass, check_shape
 from handtrack.errors import HandtrackError, check_name
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.skeleton import Skeleton
 from handtrack.model.surfaces.metaballs_kernels import merged_distance, pose_table
@@ -55,11 +55,11 @@ class MetaballSurface:
         model: ArticulatedModel,
         sharpness: float = SHARPNESS_PER_M,
         form: str = "d3",
-        flesh: str = "metaballs",
+        ellipsoid_set: str = "metaballs",
     ) -> MetaballSurface:
         """Return a model's surface. sharpness: β [1/m] of a hand of scale 1; larger hands are as round as small ones."""
-        check_name("set of ellipsoids", flesh, model.flesh, f"the model {model.name}")
-        ellipsoids = model.flesh[flesh]
+        check_name("set of ellipsoids", ellipsoid_set, model.ellipsoids, f"the model {model.name}")
+        ellipsoids = model.ellipsoids[ellipsoid_set]
         linked = linked_ellipsoids(model.skeleton, ellipsoids)
         return cls(ellipsoids, linked, sharpness / model.scale.overall, form)
 
@@ -84,10 +84,10 @@ class MetaballSurface:
         """Return the surface at these poses, for compiled code: a table as metaballs_kernels.py says, each ellipsoid's bone, `links`,
         sharpness and `turning_level`.
         """
-        flesh = self.ellipsoids.rescaled(bones).arrays
-        table = np.empty((len(flesh[0]), 16))
-        pose_table(bones.frames, flesh, table)
-        return table, flesh[0], *self.links, self.sharpness, self.turning_level
+        ellipsoids = self.ellipsoids.rescaled(bones).arrays
+        table = np.empty((len(ellipsoids[0]), 16))
+        pose_table(bones.frames, ellipsoids, table)
+        return table, ellipsoids[0], *self.links, self.sharpness, self.turning_level
 
     def near(
         self, bones: BonePoses, points: Floats[N, D3]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.arrays import D3, Array, F, Floats, Ints, T, V, array_dataclass
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 
 
@@ -36,7 +36,7 @@ class PartMesh:
         return PartMesh(self.bone[kept], self.local[kept], self.normal[kept], faces)
 
 
-def ellipsoid_mesh(flesh: Ellipsoids, divisions: int = 2) -> PartMesh:
+def ellipsoid_mesh(ellipsoids: Ellipsoids, divisions: int = 2) -> PartMesh:
     """Return every ellipsoid as a mesh with 20 · 4^divisions faces.
 
     Its corners stand a little outside, so that the outline is of the right size on average: a chord of angle θ lies
@@ -45,14 +45,14 @@ def ellipsoid_mesh(flesh: Ellipsoids, divisions: int = 2) -> PartMesh:
     ball, faces = _icosphere(divisions)
     edge = ball[faces[:, 0]] - ball[faces[:, 1]]
     outside = 1.0 + float((edge**2).sum(axis=1).mean()) / 12.0
-    scaled = flesh.radii[:, None, :] * ball * outside
-    local = flesh.centre[:, None] + np.einsum("eij,evj->evi", flesh.rotation, scaled)
-    normal = np.einsum("eij,evj->evi", flesh.rotation, ball / flesh.radii[:, None, :])
+    scaled = ellipsoids.radii[:, None, :] * ball * outside
+    local = ellipsoids.centre[:, None] + np.einsum("eij,evj->evi", ellipsoids.rotation, scaled)
+    normal = np.einsum("eij,evj->evi", ellipsoids.rotation, ball / ellipsoids.radii[:, None, :])
     normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    count = len(flesh)
+    count = len(ellipsoids)
     everyone = faces[None] + len(ball) * np.arange(count)[:, None, None]
     return PartMesh(
-        np.repeat(flesh.bone, len(ball)),
+        np.repeat(ellipsoids.bone, len(ball)),
         local.reshape(-1, 3),
         normal.reshape(-1, 3),
         everyone.reshape(-1, 3),

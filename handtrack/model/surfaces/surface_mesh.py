@@ -86,11 +86,11 @@ def _grid(
         raise HandtrackError(
             f"surface mesh: grid spacing {spacing_m:g} m; expected a positive length."
         )
-    flesh = surface.ellipsoids.posed(bones)
-    half = np.sqrt(((flesh.rotation * flesh.radii[:, None, :]) ** 2).sum(axis=2))
-    margin = np.log(max(len(flesh.bone), 2)) / surface.sharpness + 2.0 * spacing_m
-    low = (flesh.centre - half).min(axis=0) - margin
-    high = (flesh.centre + half).max(axis=0) + margin
+    ellipsoids = surface.ellipsoids.posed(bones)
+    half = np.sqrt(((ellipsoids.rotation * ellipsoids.radii[:, None, :]) ** 2).sum(axis=2))
+    margin = np.log(max(len(ellipsoids.bone), 2)) / surface.sharpness + 2.0 * spacing_m
+    low = (ellipsoids.centre - half).min(axis=0) - margin
+    high = (ellipsoids.centre + half).max(axis=0) + margin
     size = np.ceil((high - low) / spacing_m) + 1.0
     if not np.prod(size) <= MOST_NODES:
         raise HandtrackError(
@@ -104,4 +104,4 @@ def model_mesh(model: ArticulatedModel) -> PartMesh:
     """Return the parts of a model: a body's superquadrics, or the ellipsoids that silhouettes are fitted with."""
     if model.superquadrics is not None:
         return model.superquadrics.mesh()
-    return ellipsoid_mesh(model.flesh["fine"])
+    return ellipsoid_mesh(model.ellipsoids["fine"])

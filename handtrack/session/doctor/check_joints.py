@@ -28,7 +28,7 @@ _BETTER_LATE = 0.75  # times the miss, with frames as they may belong together
 _MOST_LATE = 3  # frames
 
 
-_Seen = tuple[Camera, Floats[T, J, D2]]
+_View = tuple[Camera, Floats[T, J, D2]]
 """a camera, and where it saw joints in its image as taken [px]; NaN where unknown"""
 _Match = tuple[float, float, Floats[N, D3]]
 """how far joints miss each other, as a share of the hand's extent in the images, the median over points of the worst camera; the same
@@ -37,7 +37,7 @@ in pixels; the points of all frames and joints, world [m]"""
 
 def check_joints(session: Session) -> Iterator[Finding]:
     """Yield findings about joints that two or more cameras saw: do they meet, is it a hand's size, are frames late?"""
-    names, seen = _seen_joints(session)
+    names, seen = _joints_by_view(session)
     if len(seen) < 2 or (found := _match(seen)) is None:
         return
     off, _, points = found
@@ -59,7 +59,7 @@ def check_joints(session: Session) -> Iterator[Finding]:
 _NOTHING_FITS = "Was a camera moved, does a matrix belong to another image size, or do frames of equal number show different moments?"
 
 
-def _seen_joints(session: Session) -> tuple[tuple[str, ...], list[_Seen]]:
+def _joints_by_view(session: Session) -> tuple[tuple[str, ...], list[_View]]:
     """Return joints' names, and where cameras saw them in the first frames in which two did."""
     files = {view: view.keypoint_files for view in session.views if view.keypoint_files}
     names = tuple(dict.fromkeys(name for one in files.values() for name in one.layout.points))
@@ -85,7 +85,7 @@ def _seen_joints(session: Session) -> tuple[tuple[str, ...], list[_Seen]]:
     return names, seen
 
 
-def _fingers_elsewhere(names: tuple[str, ...], seen: Sequence[_Seen]) -> Iterator[str]:
+def _fingers_elsewhere(names: tuple[str, ...], seen: Sequence[_View]) -> Iterator[str]:
     """Yield that one camera sees the joints of a finger elsewhere than all others do, which agree without it."""
     hand = keypoint_names()
     if len(seen) < 3 or not set(hand) <= set(names):
@@ -111,7 +111,7 @@ def _fingers_elsewhere(names: tuple[str, ...], seen: Sequence[_Seen]) -> Iterato
             )
 
 
-def _match(seen: Sequence[_Seen], rows: Sequence[int] | None = None) -> _Match | None:
+def _match(seen: Sequence[_View], rows: Sequence[int] | None = None) -> _Match | None:
     """Return how joints, all or those of some rows, fit together; None where too few are seen by two cameras."""
     extent = np.array([_extent(pixels) for _, pixels in seen])
     if rows is not None:
@@ -141,14 +141,14 @@ def _extent(pixels: Floats[T, J, D2]) -> float:
     return float(np.median((np.nanmax(some, axis=1) - np.nanmin(some, axis=1)).max(axis=1))) + 1e-9
 
 
-def _what_would_fit(seen: Sequence[_Seen], found: _Match) -> str:
+def _what_would_fit(seen: Sequence[_View], found: _Match) -> str:
     """Return the mistake, of those often made, with which joints would meet best, as a question; empty for none."""
     tried = ((match[0], words) for words, match in _mistakes(seen) if match is not None)
     off, words = min(tried, default=(np.inf, ""))
     return words if off < min(_MOST_OFF, _BETTER * found[0]) else ""
 
 
-def _mistakes(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
+def _mistakes(seen: Sequence[_View]) -> Iterator[tuple[str, _Match | None]]:
     for words, cameras in often_mistaken([camera for camera, _ in seen]):
         exchanged = list(zip(cameras, [pixels for _, pixels in seen], strict=True))
         yield f"They would meet {words}", _match(exchanged)
@@ -173,7 +173,7 @@ def _mistakes(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
             )
 
 
-def _shifts(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
+def _shifts(seen: Sequence[_View]) -> Iterator[tuple[str, _Match | None]]:
     """Yield by how many frames a camera may be late, in words, and how joints fit together then."""
     for i, (camera, pixels) in enumerate(seen):
         for shift in (*range(-_MOST_LATE, 0), *range(1, _MOST_LATE + 1)):
@@ -195,7 +195,7 @@ def _shifts(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
             return  # the second late is the first early
 
 
-def _late(seen: Sequence[_Seen], found: _Match) -> str:
+def _late(seen: Sequence[_View], found: _Match) -> str:
     """Return that frames fit clearly better as another number; empty where they do not."""
     good = ((words, match) for words, match in _shifts(seen) if match is not None)
     words, match = min(good, key=lambda one: one[1][0], default=("", found))
@@ -206,7 +206,7 @@ def _late(seen: Sequence[_Seen], found: _Match) -> str:
 
 def joint_lines(session: Session) -> list[Floats[N, D3]]:
     """Return the hand's fingers as lines from the wrist, world [m], in a frame whose joints most cameras see; none without."""
-    names, seen = _seen_joints(session)
+    names, seen = _joints_by_view(session)
     hand = keypoint_names()
     if len(seen) < 2 or not set(hand) <= set(names) or (found := _match(seen)) is None:
         return []
@@ -248,5 +248,5 @@ def _words(match: _Match) -> str:
     return f"{px} (median)"
 
 
-def _listed(seen: Sequence[_Seen]) -> str:
+def _listed(seen: Sequence[_View]) -> str:
     return ", ".join(f"'{camera.name}'" for camera, _ in seen)

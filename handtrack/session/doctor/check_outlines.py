@@ -72,16 +72,16 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
 
 _Outline = tuple[Floats[N, D2], Array[N]]
 """pixels, none where nothing is seen; whether the image or its region does not cut the hand off at each"""
-_Seen = tuple[Camera, list[_Outline | None]]
+_View = tuple[Camera, list[_Outline | None]]
 """a camera, and its outlines in some frames; None where there is no mask"""
 
 
-def _is_off(px: float, first: _Seen, second: _Seen) -> bool:
+def _is_off(px: float, first: _View, second: _View) -> bool:
     width = min(first[0].size[0], second[0].size[0])
     return px > max(_MOST_OFF * width, _MOST_OFF_PX)
 
 
-def _what_would_fit(seen: Sequence[_Seen]) -> str:
+def _what_would_fit(seen: Sequence[_View]) -> str:
     """Return mistakes that are often made and with which all silhouettes would fit together, as questions; empty for none."""
     found = []
     for words, cameras in often_mistaken([camera for camera, _ in seen]):
@@ -113,7 +113,7 @@ def inverse(camera: Camera) -> Camera:
     return replace(camera, rotation=turn, translation=-turn @ camera.translation)
 
 
-def _fit(seen: Sequence[_Seen]) -> bool:
+def _fit(seen: Sequence[_View]) -> bool:
     """Return whether the outlines of all pairs can be compared, touch common planes and lie before the cameras."""
     pairs = list(combinations(seen, 2))
     if any(_is_behind(a, b) for a, b in pairs):
@@ -122,7 +122,7 @@ def _fit(seen: Sequence[_Seen]) -> bool:
     return bool(pairs) and all(px is not None and not _is_off(px, a, b) for px, a, b in apart)
 
 
-def _is_behind(first: _Seen, second: _Seen) -> bool:
+def _is_behind(first: _View, second: _View) -> bool:
     """Return whether lines of sight to the middles of two cameras' outlines meet behind a camera in most frames: what
     silhouettes of a pair that looks one way tell of its order.
     """
@@ -140,7 +140,7 @@ def _is_behind(first: _Seen, second: _Seen) -> bool:
     return len(met) >= _FEWEST and float(behind.mean()) > 0.5
 
 
-def _pixels_apart(first: _Seen, second: _Seen) -> float | None:
+def _pixels_apart(first: _View, second: _View) -> float | None:
     """Return how far two cameras' outlines miss common planes [px], the median over frames; None where too few can tell."""
     cameras = first[0], second[0]
     missed = []

@@ -34,7 +34,7 @@ from handtrack.tracking.tracker import CONFIRMED_BY
 _MOST_TRIED = 4  # frames in which a hand is looked for
 _MOST_OPENED = 40  # frames that are opened to see whether there is anything in them
 _USUAL = 0.02  # a size that differs by no more from the one in use is not worth a word
-_SEEN_PX = 200  # mask pixels, or points, that may be a hand
+_FEWEST_PX = 200  # mask pixels, or points, that may be a hand
 _KNOWN = 0.5  # more likely than not its joints are within 12 mm
 _FEWEST_IN_ONE = 8  # joints of one image that may say how a hand or body is turned: palm or trunk, and two chains
 _SHOWN_BY = {
@@ -66,7 +66,7 @@ def find_first_poses(
     HandtrackError
         For a body without joints.
     """
-    _check_that_it_can_be_found(run)
+    _check_joints(run)
     report = on_progress or (lambda share, text: None)
     stop = should_stop or (lambda: False)
     searches = _MOST_TRIED + (not _is_size_known(run))
@@ -83,20 +83,20 @@ def find_first_poses(
         def report_here(share: float, text: str) -> None:
             report((step + share) / searches, f"frame {seen.frame}: {text}")
 
-        found = _found(run, scale, seen, stop, report_here)
+        found = _candidates_in(run, scale, seen, stop, report_here)
         worse = not found or (best and found[0].confidence <= best[0].confidence)
         return best if worse else found
 
     best: list[FirstPoseCandidate] = []
-    best_seen: Observation | None = None
+    best_observation: Observation | None = None
     for step, seen in enumerate(_worth_a_look(run, frame)):
         before, best = best, surer(best, seen, run.scale, step)
-        best_seen = best_seen if best is before else seen
+        best_observation = best_observation if best is before else seen
         if is_over(best):
             break
-    if best_seen is not None and not is_over(best) and best[0].given is not None:
+    if best_observation is not None and not is_over(best) and best[0].given is not None:
         # hands of another size are found where they are as large as that
-        best = surer(best, best_seen, best[0].model.scale, _MOST_TRIED)
+        best = surer(best, best_observation, best[0].model.scale, _MOST_TRIED)
     report(1.0, "done")
     return best
 
@@ -179,7 +179,7 @@ def _of_size(row: FirstPoseCandidate, usual: float) -> FirstPoseCandidate:
     return replace(row, given=given, note=f"{row.note}; {size:.2g} times the usual size")
 
 
-def no_hand_found(run: TrackingRun) -> HandtrackError:
+def no_pose_error(run: TrackingRun) -> HandtrackError:
     """Return what to tell the user where no frame shows a hand."""
     seen = run.uncropped_observation(next(iter(spread_order(run.session.frame_range))))
     filled = [s.camera.name for s in seen.silhouettes if s.fills_image]
@@ -194,7 +194,7 @@ def no_hand_found(run: TrackingRun) -> HandtrackError:
     )
 
 
-def _check_that_it_can_be_found(run: TrackingRun) -> None:
+def _check_joints(run: TrackingRun) -> None:
     """Raise HandtrackError, which says what is needed, for a body of which no joints are looked at."""
     if run.model.kind == "hand" or run.sees_joints:
         return
@@ -204,7 +204,7 @@ def _check_that_it_can_be_found(run: TrackingRun) -> None:
     )
 
 
-def _found(
+def _candidates_in(
     run: TrackingRun,
     scale: HandScale,
     seen: Observation,
@@ -261,9 +261,9 @@ def _may_show_a_hand(run: TrackingRun, seen: Observation) -> bool:
         return True
     if _is_by_joints_alone(run, seen):
         return _most_joints(seen) >= _FEWEST_IN_ONE
-    if seen.cloud is not None and len(seen.cloud) >= _SEEN_PX:
+    if seen.cloud is not None and len(seen.cloud) >= _FEWEST_PX:
         return True
     full = sum(
-        int((s.mask > 0.5).sum()) >= _SEEN_PX and not s.fills_image for s in seen.silhouettes
+        int((s.mask > 0.5).sum()) >= _FEWEST_PX and not s.fills_image for s in seen.silhouettes
     )
     return full >= min(2, len(seen.silhouettes)) > 0

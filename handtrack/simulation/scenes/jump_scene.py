@@ -27,7 +27,12 @@ KJS1 = ("left_arm", "right_arm", "left_leg")
 KJS2 = ("left_leg", "right_leg", "right_arm")
 """both calves and the right shoulder"""
 _MEANT = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-SEEN = ("neck", "head", "head_top", *(f"{side}_{j}" for side in ("left", "right") for j in _MEANT))
+OBSERVED = (
+    "neck",
+    "head",
+    "head_top",
+    *(f"{side}_{j}" for side in ("left", "right") for j in _MEANT),
+)
 """centres of joints; toes, and hands without wrists, are ends of bones that cannot flip by themselves"""
 NOISE_PX = 1.0
 STEEP, FLAT = 0.9, 0.5
@@ -41,7 +46,7 @@ class JumpScene:
 
     model: ArticulatedModel
     camera: Camera
-    seen: ImageKeypoints
+    observed: ImageKeypoints
     priors: list[ParameterTerm]
     collision: CollisionTerm | None
     """the prior that parts do not pass through each other"""
@@ -52,13 +57,13 @@ class JumpScene:
 
     def polished(self, starts: Floats[N, P]) -> Polished:
         """Return the minima that descent reaches from starts."""
-        return polish(self.model, starts, [self.seen], self.priors, collision=self.collision)
+        return polish(self.model, starts, [self.observed], self.priors, collision=self.collision)
 
     @property
     def targets(self) -> Floats[J, D2]:
         """Where the model's joints are seen [px]; NaN where they are not."""
         targets = np.full((len(self.model.joint_names), 2), np.nan)
-        targets[indices(self.model.joint_names, self.seen.names)] = self.seen.pixels
+        targets[indices(self.model.joint_names, self.observed.names)] = self.observed.pixels
         return targets
 
     def tree(self, limbs: Sequence[str]) -> InterpretationTree:
@@ -73,10 +78,10 @@ def limb_chains(model: ArticulatedModel) -> dict[str, Chain]:
     return {chain.name: chain for chain in chains_of(model)}
 
 
-def joints_seen(model: ArticulatedModel) -> tuple[str, ...]:
+def observed_joints(model: ArticulatedModel) -> tuple[str, ...]:
     """Return the joints that are seen of a body: those of all, and the ends of its limbs where they flip."""
     ends = (chain.joints[-1] for chain in limb_chains(model).values())
-    return SEEN + tuple(end for end in ends if end not in SEEN)
+    return OBSERVED + tuple(end for end in ends if end not in OBSERVED)
 
 
 def front_camera() -> Camera:
@@ -140,7 +145,7 @@ def jump_scene(seed: int, collision: bool = True) -> JumpScene:
     rng = np.random.default_rng(seed)
     model, camera = load_model("body34"), front_camera()
     truth = frontal_pose(model, rng)
-    names = joints_seen(model)
+    names = observed_joints(model)
     chosen = indices(model.joint_names, names)
     points = model.joint_positions(model.bones(truth))[chosen]
     pixels = camera.project(points) + NOISE_PX * rng.normal(size=(len(names), 2))

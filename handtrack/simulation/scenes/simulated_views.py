@@ -9,7 +9,7 @@ import numpy as np
 from handtrack.arrays import D2, Array, Floats, H, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.flesh import model_mask
+from handtrack.model.ellipsoids import model_mask
 from handtrack.observation.observation import Observation, Silhouette
 
 
@@ -17,9 +17,9 @@ def mask_views(
     model: ArticulatedModel, params: Floats[P], cameras: Sequence[Camera], frame: int = 0
 ) -> Observation:
     """Return the binary masks of a pose, decided at pixel centres."""
-    flesh = model.flesh["fine"].posed(model.bones(params))
+    ellipsoids = model.ellipsoids["fine"].posed(model.bones(params))
     seen = tuple(
-        Silhouette(camera, model_mask(camera, flesh).astype(np.float32), everything(camera))
+        Silhouette(camera, model_mask(camera, ellipsoids).astype(np.float32), everything(camera))
         for camera in cameras
     )
     return Observation(frame, frame / 25.0, seen)

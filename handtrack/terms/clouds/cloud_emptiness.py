@@ -24,7 +24,7 @@ CELL, DEPTH_STEP = 0.006, 0.012
 class CloudEmptinessTerm(SurfaceTerm):
     """½ weight Σ ρ((D(X) − slack)₊²/σ²) over model surface points X, D the distance map of the cloud.
 
-    The points are fixed to their bones; which are asked for is decided at the frame's start (`seen_from`). The model point moves: its bone's entry is
+    The points are fixed to their bones; which are asked for is decided at the frame's start (`visible_from`). The model point moves: its bone's entry is
     +[n ; (X − o) × n] with n = ∇D, by its field [n ; n (X − o)ᵀ].
     """
 
@@ -50,12 +50,12 @@ class CloudEmptinessTerm(SurfaceTerm):
         share = np.ones(len(self.bone))
         if bones.scale_change is not None:  # a larger hand's errors are alike over broader patches
             share /= bones.scale_change[self.bone].prod(axis=1) ** (2 / 3)
-        surface = self.bone, bones.on_flesh(self.bone, self.local), share
+        surface = self.bone, bones.rescaled_surface(self.bone, self.local), share
         noise = self.slack_m, self.sigma_m, self.loss, self.weight
         return emptiness_sums(self.distances, bones.frames, surface, noise, sums)
 
 
-def seen_from(
+def visible_from(
     points: Floats[V, D3],
     normals: Floats[V, D3],
     views: Sequence[Floats[K, D3]],

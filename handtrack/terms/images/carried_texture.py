@@ -95,7 +95,7 @@ class CarriedTextureTerm(SurfaceTerm):
     Which points are seen, and the exposure, are those of the stage's start, so that cost and gradient agree.
     """
 
-    seen: Sequence[tuple[Texture, SmoothImage]]
+    observed: Sequence[tuple[Texture, SmoothImage]]
     """of each camera"""
     sigma: float
     """[grey levels] how far a surface point's colour is from what it was"""
@@ -118,8 +118,8 @@ class CarriedTextureTerm(SurfaceTerm):
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         worst = self.loss.scale**2 if self.from_unexplained else 0.0
         noise, cost = (self.sigma, self.loss, worst, self.weight), 0.0
-        for texture, image in self.seen:
-            camera, local = texture.camera, bones.on_flesh(texture.bone, texture.local)
+        for texture, image in self.observed:
+            camera, local = texture.camera, bones.rescaled_surface(texture.bone, texture.local)
             matrix = camera.matrix.copy()
             matrix[:2, 2] -= image.corner
             pinhole = matrix, camera.rotation, camera.translation

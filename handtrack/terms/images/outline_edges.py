@@ -157,7 +157,7 @@ class OutlineEdgesTerm(SurfaceTerm):
     The Hessian leaves out what would make it negative: weights of the edges over σ².
     """
 
-    seen: Sequence[ObservedEdges]
+    observed: Sequence[ObservedEdges]
     """of each camera"""
     sigma_px: float
     correlation_px: float = 10.0
@@ -178,10 +178,10 @@ class OutlineEdgesTerm(SurfaceTerm):
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         cost, spread = 0.0, (self.sigma_px, self.clutter, self.from_unexplained)
-        for seen in self.seen:
+        for seen in self.observed:
             outline, camera = seen.outline, seen.outline.camera
             weight = self.weight * outline.length_px / self.correlation_px
-            local = bones.on_flesh(outline.bone, outline.local)
+            local = bones.rescaled_surface(outline.bone, outline.local)
             pieces = outline.bone, local, outline.pixel, outline.normal, weight
             pinhole = camera.matrix, camera.rotation, camera.translation
             edges = seen.place, seen.strength

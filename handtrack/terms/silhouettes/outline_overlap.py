@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import C, Floats, Ints, N
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.silhouettes.overlap_kernels import overlap_areas
@@ -62,8 +62,8 @@ def parts_overlap(
     members = np.concatenate([*parts, np.empty(0, np.int64)]).astype(np.int64)
     areas = np.zeros((len(seen), len(parts), 2))
     for seen_by, found in zip(seen, areas, strict=True):
-        flesh = rescaled.thicker(seen_by.wider_m).arrays
+        arrays = rescaled.thicker(seen_by.wider_m).arrays
         view = seen_by.camera.projection, seen_by.mask
-        overlap_areas(bones.frames, flesh, *view, starts, members, row_step, found)
+        overlap_areas(bones.frames, arrays, *view, starts, members, row_step, found)
     mask = np.array([camera.area for camera in seen])
     return [OutlineOverlap(areas[:, n, 0], mask, areas[:, n, 1]) for n in range(len(parts))]

@@ -43,9 +43,9 @@ def _paint_block(code, buffer, u, parabola, limit, number, full):
     steps = code.eight([float(i) for i in range(LANES)])
     x = code.splat(builder.fsub(builder.sitofp(u, DOUBLE), centre)) + steps
     value = code.splat(top) - x * x * code.splat(bend)
-    bits = (value.seen_as(LONGS) & -NUMBERS) | code.splat(number)
+    bits = (value.bits_as(LONGS) & -NUMBERS) | code.splat(number)
     above = builder.fcmp_ordered(">=", value.value, code.splat(limit).value)
-    packed = code.splat(full).where(above, bits).seen_as(ZEROS.type)
+    packed = code.splat(full).where(above, bits).bits_as(ZEROS.type)
     # as a comparison this becomes a masked store, and the next ellipse's load must wait for it
     buffer.store(packed.at_least(buffer.load(u), flags=("nnan",)), u)
 
@@ -83,7 +83,7 @@ def _take_open_blocks(code, marks, word):
     many = ir.VectorType(BYTE, WORD)
     whole = ir.Constant(many, [255] * WORD)
     return code.builder.bitcast(
-        code.builder.icmp_unsigned("!=", found.seen_as(many).value, whole), LONG
+        code.builder.icmp_unsigned("!=", found.bits_as(many).value, whole), LONG
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from handtrack.arrays import D3, D13, B, C, E, Floats, N
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.bone_system import Sums
@@ -82,17 +82,17 @@ class FieldTerm(ObservationTerm):
 
     def motion(self, bones: BonePoses, fields: BoneFields) -> Floats[B, D13, N]:
         """Return how the ellipsoids move and deform, and by how much their outlines are farther out."""
-        outline = np.broadcast_to(fields.outline, (len(fields.flesh), 1, len(fields.outline)))
-        return np.concatenate([fields.flesh, outline], axis=1)
+        outline = np.broadcast_to(fields.outline, (len(fields.surface), 1, len(fields.outline)))
+        return np.concatenate([fields.surface, outline], axis=1)
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         cost, frames, gathered = 0.0, tuple(bones.frames), tuple(sums)
         rescaled = self.ellipsoids.rescaled(bones)
         *_, radii = rescaled.arrays
-        for (flesh, *view, energy), seen in zip(self._views, self.silhouettes, strict=True):
+        for (ellipsoids, *view, energy), seen in zip(self._views, self.silhouettes, strict=True):
             if rescaled is not self.ellipsoids:
-                flesh = rescaled.thicker(seen.wider_m).arrays
-            cost += max(silhouette_sums(frames, flesh, radii, *view, gathered) + energy, 0.0)
+                ellipsoids = rescaled.thicker(seen.wider_m).arrays
+            cost += max(silhouette_sums(frames, ellipsoids, radii, *view, gathered) + energy, 0.0)
         return cost
 
     @cached_property
@@ -102,9 +102,9 @@ class FieldTerm(ObservationTerm):
         """
         views = []
         for seen, weight, field in zip(self.silhouettes, self.weights, self.fields, strict=True):
-            flesh = self.ellipsoids.thicker(seen.wider_m).arrays
+            ellipsoids = self.ellipsoids.thicker(seen.wider_m).arrays
             energy = 0.5 * weight * seen.energy(field.step)
-            views.append((flesh, tuple(seen.mask), tuple(field), weight, energy))
+            views.append((ellipsoids, tuple(seen.mask), tuple(field), weight, energy))
         return views
 
 

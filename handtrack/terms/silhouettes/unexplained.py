@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Array, C, Floats, H, Ints, N, W
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette
 
@@ -30,10 +30,10 @@ def unexplained_mm2(
     It is what circles of 10 mm can sweep: a rim is thinner, a finger that the model has elsewhere is not, however small its
     share of the overlap. What is not observed or not known counts as covered.
     """
-    flesh = ellipsoids.posed(bones)
+    posed = ellipsoids.posed(bones)
     found = np.zeros(len(silhouettes))
     for row, (silhouette, scale) in enumerate(zip(silhouettes, pixels_per_m, strict=True)):
-        left = _mask(silhouette) & ~_covered(silhouette, flesh)
+        left = _mask(silhouette) & ~_covered(silhouette, posed)
         if left.any():
             _, areas = pieces(left, 0.5 * THICK_M * scale)
             found[row] = areas.max(initial=0.0) * (1e3 / scale) ** 2
@@ -67,12 +67,12 @@ def _mask(silhouette: PreparedSilhouette) -> Array[H, W]:
     return observed & (values < -0.5)
 
 
-def _covered(silhouette: PreparedSilhouette, flesh: Ellipsoids) -> Array[H, W]:
+def _covered(silhouette: PreparedSilhouette, ellipsoids: Ellipsoids) -> Array[H, W]:
     """Return where a camera sees the model."""
     camera = silhouette.camera
-    shape = shape_matrix(flesh.rotation, flesh.radii)
-    dual = dual_conic(camera.projection, flesh.centre, shape)
-    seen = is_ellipse(camera.projection, flesh.centre, shape)
+    shape = shape_matrix(ellipsoids.rotation, ellipsoids.radii)
+    dual = dual_conic(camera.projection, ellipsoids.centre, shape)
+    seen = is_ellipse(camera.projection, ellipsoids.centre, shape)
     centre, spread = ellipse(dual[seen])
     image = np.zeros(camera.size[::-1], np.uint8)
     for middle, part in zip(centre, spread, strict=True):

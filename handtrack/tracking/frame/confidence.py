@@ -103,7 +103,7 @@ def outline_fit(terms: FrameTerms, bones: BonePoses) -> OutlineFit | None:
     """Return how a pose fits the silhouettes; None where there are none."""
     if not terms.prepared:
         return None
-    fine = terms.model.flesh["fine"]
+    fine = terms.model.ellipsoids["fine"]
     share = outline_overlap(terms.prepared, fine, bones).iou
     pieces = unexplained_mm2(terms.prepared, terms.pixels_per_m, fine, bones)
     least, most = int(np.argmin(share)), int(np.argmax(pieces))
@@ -129,7 +129,7 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
     """
     worst, reason = DOUBTFUL_PART, None
     names, parts = _parts(terms.model)
-    overlaps = parts_overlap(terms.prepared, terms.model.flesh["fine"], parts, bones)
+    overlaps = parts_overlap(terms.prepared, terms.model.ellipsoids["fine"], parts, bones)
     detected = _detected(terms, names, bones)
     for bone, found, by_joints in zip(names, overlaps, detected, strict=True):
         inside = np.where(found.model >= _LEAST_PART_PX, found.both / found.model.clip(1.0), 1.0)
@@ -162,7 +162,7 @@ def _parts(model: ArticulatedModel) -> tuple[list[str], Sequence[Ints[N]]]:
     """Return each bone's name, and which are its ellipsoids and those of the bone it hangs on: a fingertip alone is as small
     as a mask's errors. Without the forearm: nobody knows how much of it a sleeve hides.
     """
-    carrier, skeleton = model.flesh["fine"].bone, model.skeleton
+    carrier, skeleton = model.ellipsoids["fine"].bone, model.skeleton
     kept = [int(bone) for bone in np.unique(carrier) if not model.is_forearm(bone)]
     names = [skeleton.bone_names[bone] for bone in kept]
     parts = [
@@ -269,7 +269,7 @@ def hand_words(model: ArticulatedModel) -> str:
 def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     if not terms.prepared:
         return Status.TRACKED, None
-    found = outline_overlap(terms.prepared, terms.model.flesh["fine"], bones)
+    found = outline_overlap(terms.prepared, terms.model.ellipsoids["fine"], bones)
     filled = found.model + found.mask > 0
     if not filled.any():
         return Status.LOST, Reason("out of view")
@@ -317,7 +317,7 @@ def is_where_joints_are(terms: FrameTerms, bones: BonePoses) -> bool:
 def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     if terms.cloud is None:
         return Status.TRACKED, None
-    found = agreement(terms.cloud.as_seen_at(bones), bones)
+    found = agreement(terms.cloud.visible_at(bones), bones)
     reason = Reason("cloud", number=found.explained)
     # points of other things tell nothing of a hand whose surface was measured
     if np.fmax(found.explained, found.measured) < LOST_CLOUD:
@@ -615,7 +615,7 @@ def _confirmed(terms: FrameTerms, bones: BonePoses) -> Floats[K]:
     before them: a detector's guesses of what is hidden confirm nothing.
     """
     names, places = terms.model.joint_names, terms.model.joint_positions(bones)
-    cameras, flesh = np.zeros(len(names)), terms.model.flesh["fine"].posed(bones)
+    cameras, flesh = np.zeros(len(names)), terms.model.ellipsoids["fine"].posed(bones)
     for term, seen in terms.detected:
         joint, off = terms.misses(term, bones)
         hidden = flesh.hide(places[joint], seen.camera.centre, _OWN_FLESH_M)

@@ -24,7 +24,7 @@ FRAMES_AHEAD = 2 * SEARCH_EVERY
 """[frames] solved at most beyond one whose search beside is not done; with half as many the first frames' searches, three in a
 row, halt two cores (`bench frame_p99_vs_median`: 4 to 8, and 1.4 so)"""
 
-FOREARM_SEEN_MM = 100.0
+FOREARM_VISIBLE_MM = 100.0
 """[mm] from the wrist, or to where the mask ends, up to which the forearm is looked at: beyond that there may be a sleeve"""
 
 POINTS_LAST = 0.8

@@ -112,7 +112,7 @@ class FrameTask:
     def opened(self) -> tuple[Floats[P], FrameTerms]:
         """Return where to begin and the frame's terms there; the forearm of a first pose is aimed first."""
         params, terms = self.start, self.terms(self.start)
-        if terms.has_seen and not self.previous and self.model.has_forearm:
+        if terms.has_observations and not self.previous and self.model.has_forearm:
             params = aimed_forearm(stage_problem(terms, params, 0), params)
             terms = self.terms(params)
         return params, terms

@@ -26,7 +26,7 @@ from handtrack.terms.silhouettes.silhouette_terms import (
     rows_apart,
 )
 from handtrack.terms.term import ObservationTerm, ParameterTerm
-from handtrack.tracking.frame.constants import FOREARM_SEEN_MM, LOST_OVERLAP
+from handtrack.tracking.frame.constants import FOREARM_VISIBLE_MM, LOST_OVERLAP
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import (
     AppearanceObservation,
@@ -87,9 +87,9 @@ class FrameTerms:
         """Return the terms without the pull to the predicted pose."""
         return replace(self, priors=tuple(p for p in self.priors if p.name != "motion"))
 
-    def as_seen_at(self, bones: BonePoses) -> FrameTerms:
+    def visible_at(self, bones: BonePoses) -> FrameTerms:
         """Return the same observation, asking of the model what is in view at another pose."""
-        cloud = self.cloud and self.cloud.as_seen_at(bones)
+        cloud = self.cloud and self.cloud.visible_at(bones)
         return replace(self, cloud=cloud)
 
     def sharpened(self, bones: BonePoses) -> FrameTerms:
@@ -151,7 +151,7 @@ class FrameTerms:
         return len(self.prepared) + (self.cloud is not None) + images
 
     @property
-    def has_seen(self) -> bool:
+    def has_observations(self) -> bool:
         """Whether anything was observed at all."""
         return bool(self.views or self.keypoints or self.pins)
 
@@ -169,7 +169,7 @@ class FrameTerms:
     def _at_once(self, start: BonePoses, index: int) -> list[ObservationTerm]:
         """Return the terms of a stage as if all cameras had seen at the frame's time."""
         settings = self.settings.silhouettes
-        flesh = self.model.flesh["fine"]
+        ellipsoids = self.model.ellipsoids["fine"]
         band_mm = at_stage(settings.bands_mm, index)
         points = (self if index >= self.stages - 1 else self.wide()).keypoints
         terms: list[ObservationTerm] = [*self.own, *self.parts, *self.pins, *points]
@@ -190,13 +190,13 @@ class FrameTerms:
             )
             inside = -self.settings.traits.inside
             fields = [silhouette.times(inside) for silhouette in self.prepared]
-            terms.append(ConicFieldTerm(fields, flesh, weight=weight))
+            terms.append(ConicFieldTerm(fields, ellipsoids, weight=weight))
             return terms
         band = np.maximum(band_mm * scale, _LEAST_BAND_PX)
         terms.append(
             CoverageTerm(
                 self.prepared,
-                flesh,
+                ellipsoids,
                 band_px=band.tolist(),
                 bones_at_start=start,
                 antisymmetric=index >= len(settings.bands_mm) - 1,
@@ -244,7 +244,7 @@ def frame_terms(
     """
     weighted = observation.silhouettes if settings.silhouettes.weight > 0 else ()
     prepared = [
-        prepare(silhouette, forearm_cut(silhouette, model, start, FOREARM_SEEN_MM * _MM))
+        prepare(silhouette, forearm_cut(silhouette, model, start, FOREARM_VISIBLE_MM * _MM))
         for silhouette in weighted
     ]
     hand = _of_the_hand(model, start, weighted, prepared)
@@ -297,7 +297,7 @@ def _of_the_hand(
     every = list(range(len(silhouettes)))
     if len(every) < 3:
         return every
-    overlap = outline_overlap(prepared, model.flesh["fine"], start, _ROWS_OF_OVERLAP).iou
+    overlap = outline_overlap(prepared, model.ellipsoids["fine"], start, _ROWS_OF_OVERLAP).iou
     worst = int(np.argmin(overlap))
     is_odd = overlap[worst] < LOST_OVERLAP < np.median(overlap)
     if is_odd and silhouettes[worst] in suspected(tuple(silhouettes)):

@@ -57,7 +57,7 @@ def searched(
             "cameras' calibration."
         )
     kept = _carried(objective, objective.distinct(found, len(found)))
-    report(search, objective.control, objective.seen.frame, why, tried, kept[0])
+    report(search, objective.control, objective.observation.frame, why, tried, kept[0])
     cost = np.array([c.cost for c in kept])
     weights = np.exp(cost.min() - cost)
     weights /= weights.sum()
@@ -123,7 +123,7 @@ def solve_mixture(
     params, terms = task.opened()
     chains = chains_of(task.model, task.settings.mixture.chains)
     objective = task.model, task.settings, chains, task.observation, task.control
-    if not terms.has_seen:
+    if not terms.has_observations:
         parents = range(len(carried))
         return _with_alternatives(task.model, task.unseen(), carried, parents), tuple(carried)
     if carried:

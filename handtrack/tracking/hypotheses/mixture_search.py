@@ -73,25 +73,25 @@ class MixtureObjective:
     model: ArticulatedModel
     settings: TrackerSettings
     chains: Sequence[Chain]
-    seen: Observation
+    observation: Observation
     control: Control
 
     @cached_property
     def rng(self) -> np.random.Generator:
-        return np.random.default_rng([self.settings.tracker.seed, self.seen.frame])
+        return np.random.default_rng([self.settings.tracker.seed, self.observation.frame])
 
     @cached_property
     def reference(self) -> tuple[Camera, Floats[J, D2] | None] | None:
         """The camera whose lines of sight the flips keep: the one with most keypoints, else the first of the views; and where it sees the
         model's joints [px], NaN where it does not.
         """
-        if images := self.seen.image_keypoints:
+        if images := self.observation.image_keypoints:
             names = self.model.joint_names
             most = max(images, key=lambda seen: int(np.isfinite(seen.pixels).sum()))
             joints = np.full((len(names), 2), np.nan)
             joints[indices(names, most.names)] = most.pixels
             return most.camera, joints
-        views = self.seen.silhouettes or self.seen.images
+        views = self.observation.silhouettes or self.observation.images
         return (views[0].camera, None) if views else None
 
     def starts(self, source: Source, params: Floats[N, P]) -> list[Start]:

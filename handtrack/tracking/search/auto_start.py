@@ -88,13 +88,15 @@ def _compared(
         return []
     settings = objective.settings
     kept = sorted(objective.compared(kept), key=lambda c: c.cost)
-    quality = fit_quality(kept[0].model, settings, objective.seen, kept[0].params)
+    quality = fit_quality(kept[0].model, settings, objective.observation, kept[0].params)
     count = objective.independent_errors(kept[0])
     share = shares(np.array([c.cost for c in kept]), count)
     found = []
     for candidate, part in zip(kept, share, strict=True):
         problem = objective.narrow_problem(candidate)
-        given = [KeypointTerm(candidate.model, joints) for joints in objective.seen.keypoints]
+        given = [
+            KeypointTerm(candidate.model, joints) for joints in objective.observation.keypoints
+        ]
         problem = replace(problem, observation_terms=[*problem.observation_terms, *given])
         near = p_in_basin(problem, candidate.params, count, size_sigma, settings.tracker.seed)
         found.append(replace(candidate, confidence=float(quality * part * near), p_in_basin=near))

@@ -29,7 +29,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement
 from handtrack.tracking.search.engine import Candidate, Search, report
 from handtrack.tracking.search.initialize import carried_over
-from handtrack.tracking.search.lost_finger import finger_search, with_fingers_found
+from handtrack.tracking.search.lost_finger import finger_search, with_fingers_recovered
 
 POOR, GOOD = 0.80, 0.88
 """agreement below which a cloud's depths are doubted, and above which they are believed again"""
@@ -50,7 +50,7 @@ POOR_CLOUD = Search(
 def solve_frame(task: FrameTask) -> Solved:
     """Return a frame's result by descent from its start."""
     params, terms = task.opened()
-    if not terms.has_seen:
+    if not terms.has_observations:
         return task.unseen()
     if task.previous and task.previous[-1].poor_cloud and may_distrust_depth(terms):
         doubted, is_poor = solve_doubted(task, terms, params)
@@ -83,9 +83,9 @@ def _descended(
         ):  # a wrong finger often fits points of other things better
             why = ""
     if why and control.searches:
-        found = with_fingers_found(terms, summary.params, control, number, why, search)
+        found = with_fingers_recovered(terms, summary.params, control, number, why, search)
         if found is not summary.params:
-            terms = terms.without_motion().as_seen_at(task.model.bones(found))
+            terms = terms.without_motion().visible_at(task.model.bones(found))
             before = summary.iterations
             summary, problem = descend(terms, found, control.should_stop, watch)
             summary = replace(summary, iterations=before + summary.iterations)

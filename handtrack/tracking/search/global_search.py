@@ -71,7 +71,7 @@ class GlobalObjective:
     """One frame's silhouettes and cloud; see engine.Objective."""
 
     sources: Sequence[SearchScore]
-    seen: Observation
+    observation: Observation
     settings: TrackerSettings
     shapes: Sequence[HandShape] = ()
     """rigid hands that the grid proposes"""
@@ -229,7 +229,7 @@ def depth_flips(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
     """Propose the best pose with one finger flipped along the lines of sight of one of the first cameras."""
-    cameras = [silhouette.camera for silhouette in objective.seen.silhouettes]
+    cameras = [silhouette.camera for silhouette in objective.observation.silhouettes]
     return [
         replace(best, params=x, origin="depth flips", cost=0.0)
         for best in _best(found)
@@ -344,7 +344,7 @@ def _solved(objective: GlobalObjective, candidate: Candidate, own: Mapping[str, 
     settings = objective.settings.with_values({"tracker.hypotheses": 1, **own})
     model, control = candidate.model, replace(objective.control, on_iteration=None)
     start = model.clipped(candidate.params)
-    solved = solve_frame(FrameTask(model, settings, objective.seen, start, control=control))
+    solved = solve_frame(FrameTask(model, settings, objective.observation, start, control=control))
     params = model.solver_params(solved.result.parameters)
     return objective.measured(replace(candidate, params=params, solved=solved))
 
@@ -375,8 +375,8 @@ def _sized(
 @lru_cache(maxsize=8)
 def _without_arm(model: ArticulatedModel) -> ArticulatedModel:
     """Return the model with a forearm that covers nothing."""
-    flesh = {n: one.subset(~model.is_forearm(one.bone)) for n, one in model.flesh.items()}
-    return replace(model, flesh=flesh)
+    ellipsoids = {n: one.subset(~model.is_forearm(one.bone)) for n, one in model.ellipsoids.items()}
+    return replace(model, ellipsoids=ellipsoids)
 
 
 # ---- fingers put elsewhere

@@ -104,7 +104,7 @@ class ImageJointObjective:
     """Joints seen in images of one frame; see engine.Objective."""
 
     model: ArticulatedModel
-    seen: Sequence[ImageKeypoints]
+    keypoints: Sequence[ImageKeypoints]
     most: ImageKeypoints
     """the view with most joints: it proposes"""
     control: Control = Control()
@@ -143,7 +143,7 @@ def polish_joints(
     model = objective.model
     starts = np.array([c.params for c in candidates])
     priors, loss = pose_priors(model, points_rest(model)), geman_mcclure(_ROBUST_SIGMAS)
-    found = polish(model, starts, objective.seen, priors, loss, None, iterations, 1e-3)
+    found = polish(model, starts, objective.keypoints, priors, loss, None, iterations, 1e-3)
     return [
         replace(c, params=found.params[n], cost=float(found.cost[n]), normal=found.normal[n])
         for n, c in enumerate(candidates)

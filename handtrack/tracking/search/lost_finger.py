@@ -54,7 +54,7 @@ class FingerObjective:
 
     def measured(self, candidate: Candidate) -> Candidate:
         """Return a candidate with its cost in the narrowest band."""
-        terms = self.terms.as_seen_at(self.terms.model.bones(candidate.params))
+        terms = self.terms.visible_at(self.terms.model.bones(candidate.params))
         seen = terms.stage(self.here)
         cost = Problem(terms.model, seen, terms.priors).cost(candidate.params)
         return replace(candidate, cost=cost)
@@ -94,7 +94,7 @@ def finger_on_grid(
 @each
 def frame_schedule(objective: FingerObjective, candidate: Candidate, iterations: int) -> Candidate:
     """Descend by the frame's own schedule, band after band, asking where a candidate starts what is in view."""
-    terms = objective.terms.as_seen_at(candidate.model.bones(candidate.params))
+    terms = objective.terms.visible_at(candidate.model.bones(candidate.params))
     found = descend(terms, candidate.params, objective.control.should_stop)[0].params
     return objective.measured(replace(candidate, params=found))
 
@@ -137,7 +137,7 @@ def finger_search(
     return LOST_FINGER, why_fingers_may_be_lost(frame, energy, views, previous)
 
 
-def with_fingers_found(
+def with_fingers_recovered(
     terms: FrameTerms,
     params: Floats[P],
     control: Control,

@@ -24,7 +24,7 @@ from handtrack.tracking.search.scores.hand_shapes import (
 _NEAR_M, _SPEED_M = (0.10, 0.03)
 
 
-def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
+def with_hand_recovered(task: FrameTask, solved: Solved) -> Solved:
     """Return a frame as it was solved, or at another pose that fits what was seen clearly better, where it is in doubt and no two
     cameras see the joints there.
     """

@@ -54,10 +54,10 @@ def other_side_log_odds(
             within=(palm_middle(model, params), _NEAR_M),
             control=control,
         )
-        theirs = _found(other, objective, ours.cost)
+        theirs = _candidates_of(other, objective, ours.cost)
         least, best = _least_of_each(objective, [ours], theirs)
         if best < least:
-            this = [ours, *_found(model, objective, best)]
+            this = [ours, *_candidates_of(model, objective, best)]
             least, best = _least_of_each(objective, this, theirs)
         if control.should_stop():
             return 0.0
@@ -76,11 +76,13 @@ def _least_of_each(
     return min(costs[: len(this)]), min(costs[len(this) :], default=np.inf)
 
 
-def _found(hand: ArticulatedModel, objective: GlobalObjective, standing: float) -> list[Candidate]:
+def _candidates_of(
+    hand: ArticulatedModel, objective: GlobalObjective, standing: float
+) -> list[Candidate]:
     """Return poses at which a hand was found."""
     objective, tried = replace(objective, shapes=hand_shapes(hand)), Tried()
     found = run_rounds(OTHER_SIDE, objective, [], tried=tried)
     best = min(found, key=lambda c: c.cost, default=None)
     why = f"is it a {hand.side} hand?"
-    report(OTHER_SIDE, objective.control, objective.seen.frame, why, tried, best, standing)
+    report(OTHER_SIDE, objective.control, objective.observation.frame, why, tried, best, standing)
     return found

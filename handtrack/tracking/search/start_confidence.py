@@ -132,7 +132,9 @@ def fit_quality(
     terms = frame_terms(model, settings, seen, bones)
     qualities = []
     if terms.prepared:
-        overlap = float(np.median(outline_overlap(terms.prepared, model.flesh["fine"], bones).iou))
+        overlap = float(
+            np.median(outline_overlap(terms.prepared, model.ellipsoids["fine"], bones).iou)
+        )
         qualities.append(_between(overlap, LOST_OVERLAP, DOUBTFUL_OVERLAP))
     if terms.cloud is not None:
         share = agreement(terms.cloud, bones).explained

@@ -59,11 +59,11 @@ def camera_inconsistencies(
     size = SizeParameters(model)
     model = size.rescaled(size.deviations(model.scale))
     frames = [_Frame.of(model, settings, observed, pose) for observed, pose in seen]
-    frames = [frame for frame in frames if frame.seen]
-    names = dict.fromkeys(name for frame in frames for name in frame.seen)
+    frames = [frame for frame in frames if frame.systems]
+    names = dict.fromkeys(name for frame in frames for name in frame.systems)
     if len(names) < 2:
         return []
-    cost = sum(system.cost for frame in frames for system in frame.seen.values())
+    cost = sum(system.cost for frame in frames for system in frame.systems.values())
     found = [_inconsistency(size, frames, name, kind, cost) for name in names for kind in KINDS]
     return sorted(found, key=lambda one: -one.gain)
 
@@ -77,7 +77,7 @@ class _Frame:
     bones: BonePoses
     views: dict[str, Silhouette | ImageKeypoints]
     """of each camera one, by its name"""
-    seen: dict[str, JointSystem]
+    systems: dict[str, JointSystem]
     """what each camera says, by its name, of pose (P), overall size (1), and its own direction (3) and lens (2)"""
     prior: JointSystem
     """what is known of the pose besides, in its P numbers"""
@@ -112,7 +112,7 @@ class _Frame:
             changes = [_changes(model, bones, view, kind) for kind in KINDS]
             fields = moves.beside(BoneFields.of_twists(np.concatenate(changes, axis=2), points))
             systems = (term.linearize(bones, fields) for term in terms)
-            seen[name] = sum(systems, JointSystem.zero(fields.flesh.shape[2]))
+            seen[name] = sum(systems, JointSystem.zero(fields.surface.shape[2]))
         prior = Problem(model, (), priors).linearize(pose)
         return cls(model, pose, bones, views, seen, prior)
 
@@ -122,7 +122,7 @@ class _Frame:
         first, last = (count + 1, count + 4) if kind == "direction" else (count + 4, count + 6)
         chosen = np.eye(count + 6)[:, [*range(count + 1), *range(first, last)]]
         held = chosen * (np.arange(chosen.shape[1]) <= count)
-        told = (one.pull_back(chosen if n == name else held) for n, one in self.seen.items())
+        told = (one.pull_back(chosen if n == name else held) for n, one in self.systems.items())
         system = sum(told, JointSystem.zero(chosen.shape[1]))
         gradient, hessian = system.gradient.copy(), system.hessian.copy()
         gradient[:count] += self.prior.gradient

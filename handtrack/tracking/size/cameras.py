@@ -132,7 +132,7 @@ class CameraChanges:
         """Of how much later a moment than expected each camera's image is [frames]: below 0 where it is late."""
         return self.values[:, LATE] - np.array(self.ahead, float)
 
-    def seen_poses(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> CameraPoses:
+    def camera_poses(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> CameraPoses:
         """Return how a camera sees the hand; velocity: of the poses [a frame], as `pose_changes.moved` takes it."""
         values, seen = self.values[camera], self.cameras[camera]
         on = self.moments(len(poses))[camera, :, None] * velocity

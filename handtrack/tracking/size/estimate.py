@@ -277,7 +277,7 @@ def estimate_whole(
     def swept(poses: Floats[F, P], ahead: FrameSystems | None = None) -> _Swept:
         shared, speed = likelihood.shared, velocities(poses)
         cameras, person = shared.cameras, shared.person
-        views = [cameras.seen_poses(k, poses, speed) for k in range(len(cameras.cameras))]
+        views = [cameras.camera_poses(k, poses, speed) for k in range(len(cameras.cameras))]
         systems = FrameSystems.empty(*poses.shape, shared.count) if ahead is None else ahead
         stands = np.zeros(len(frames), bool) if ahead is None else ahead.extrapolated < _ENOUGH
 
@@ -405,7 +405,7 @@ def _reported_covariance(
     found = np.empty((*swept.poses.shape, swept.poses.shape[1]))
     for first, blocks in system.frames.inverse_parts():
         found[first : first + len(blocks)] = blocks[:, 0]
-    for at, own in swept.systems.seen():
+    for at, own in swept.systems.observed():
         for t, seen in enumerate(own, at.start):
             found[t] = _surer(seen, np.linalg.inv(found[t])) + system.spread(t)
     return found, system.covariance
@@ -439,7 +439,7 @@ def _system(
     matrix, gradient = BlockBanded.zero(*swept.poses.shape), systems.gradient[:, :size].copy()
     for at, own in systems.own():
         matrix.blocks[at, 0] += own
-    for at, seen in systems.seen() if new < 1.0 else ():
+    for at, seen in systems.observed() if new < 1.0 else ():
         more = np.maximum(systems.share[at], new) - new
         matrix.blocks[at, 0] -= more[:, None, None] * seen
     if motion is not None:

@@ -75,7 +75,7 @@ class FrameProblem:
         for problem, view in zip([self.others, *self.views], [None, *views], strict=True):
             wide = 0 if view is None else view.by_camera.shape[2]
             if problem.observation_terms:
-                seen = _seen(person, problem, pose, view, n)
+                seen = _frame_system(person, problem, pose, view, n)
                 at = np.concatenate([numbers[:size], numbers[first : first + wide], persons])
                 cost += seen.cost
                 add_to_chosen(gradient, matrix, at, seen.gradient, seen.hessian)
@@ -104,7 +104,7 @@ class FrameSystems:
     """steps since it was linearised, which its cost and gradient follow to second order"""
     _halves: Floats[F, M]
     """rows of the lower halves, one after the other: those of the poses come first"""
-    _seen: Floats[F, N]
+    _frame_system: Floats[F, N]
     """of the poses' part what is of what was seen"""
 
     @classmethod
@@ -126,17 +126,17 @@ class FrameSystems:
         self.costs[frame], self.gradient[frame] = whole.cost, whole.gradient
         self.share[frame], self.since[frame] = share, 0.0
         self._halves[frame] = whole.hessian[_half(self.gradient.shape[1])]
-        self._seen[frame] = seen[_half(self.size)]
+        self._frame_system[frame] = seen[_half(self.size)]
 
     def own(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
         """Yield the poses' part, some frames at once."""
         for at in self._parts():
             yield at, self._halves[at][:, _places(self.size)]
 
-    def seen(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
+    def observed(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
         """Yield what each frame alone would say of its pose by what was seen, some frames at once."""
         for at in self._parts():
-            yield at, self._seen[at][:, _places(self.size)]
+            yield at, self._frame_system[at][:, _places(self.size)]
 
     @property
     def border(self) -> Floats[F, P, K]:
@@ -182,7 +182,7 @@ def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
     return system.pull_back(by_change(pose))
 
 
-def _seen(
+def _frame_system(
     person: PersonChange, problem: Problem, pose: Floats[P], view: CameraPoses | None, n: int
 ) -> JointSystem:
     """Return what was seen by changes of the pose, then of the camera where it may change, and by the free ones of a person's deviations

@@ -19,7 +19,7 @@ FEWEST_BY_JOINTS = 4
 """frames; fewer do not tell an offset from a posture"""
 
 
-def seen_around(seen: Observation, place: Floats[D3]) -> bool:
+def is_observed_around(seen: Observation, place: Floats[D3]) -> bool:
     """Return whether silhouettes, or joints, show the hand from directions that differ enough to
     tell its size.
 
@@ -152,7 +152,7 @@ class PersonChange:
         All of the shape where masks or joints see the hand from around, or a cloud shows it: of what lies on its other side the prior is left.
         """
         is_observed = any(
-            one.cloud is not None or seen_around(one, place) for one, place in observations
+            one.cloud is not None or is_observed_around(one, place) for one, place in observations
         )
         seen = joints_around(observations) if subject.offsets else ()
         parameters = SizeParameters(model, seen)

@@ -65,7 +65,7 @@ def with_alternatives(
         if several:
             weight = float(weights[0] / weights.sum())
             known = [
-                other(one.found.poses[n], one.found.costs[n], w, one.origin)
+                other(one.estimate.poses[n], one.estimate.costs[n], w, one.origin)
                 for one, w in zip(refined[1:], weights[1:] / weights.sum(), strict=True)
             ]
         held = Alternative(result.parameters, result.energy, weight, -1, "refined")

@@ -86,7 +86,7 @@ class FrameLikelihood(FrameProblem):
             self.prior.model, [*seen, *self.others.observation_terms], self.prior.parameter_terms
         )
 
-    def seen_by(self, found: WholeEstimate, n: int) -> tuple[FrameTerms, Problem]:
+    def observed_by(self, found: WholeEstimate, n: int) -> tuple[FrameTerms, Problem]:
         """Return the terms and the whole problem at the n-th pose, where cameras are as they must have been and saw when they did, and
         masks are as wide as they are.
         """
@@ -124,7 +124,7 @@ class FrameLikelihood(FrameProblem):
     def at(self, pose: Floats[P]) -> JointSystem:
         """Return the same for a pose that may be elsewhere: it is asked what is in view there, also where the frame is silent."""
         model = self.terms.model
-        terms = self.terms.coarser(self.share**-0.5).as_seen_at(model.bones(pose))
+        terms = self.terms.coarser(self.share**-0.5).visible_at(model.bones(pose))
         seen = terms.stage(self.around)
         return by_changes(Problem(model, seen, terms.priors).linearize(pose), pose)
 

@@ -311,14 +311,14 @@ class ModeSearch:
         """Return the minimum near a pose; None where nothing was seen or the hand isn't there."""
         frame, model = self._frame(n), self.likelihood.model
         terms: FrameTerms = frame.terms
-        if not terms.has_seen:
+        if not terms.has_observations:
             return None
         if pull:
             settings = self.likelihood.settings
             expected = motion_prior(model.joint_params(start), settings.prior, 1.0, 1)
             terms = replace(terms, priors=(*terms.priors, expected))
         stop = self.control.should_stop
-        terms = terms.as_seen_at(model.bones(start))
+        terms = terms.visible_at(model.bones(start))
         found = descend(terms, start, stop)[0].params
         if self.tracked[n].status == Status.LOST:
             again = assess(frame.terms, model.bones(found), 0.0, ())[0]
@@ -345,7 +345,7 @@ class ModeSearch:
     def _try_fingers(self, n: int) -> None:
         """Put fingers elsewhere in a frame, and carry on what fits."""
         frame, model = self._frame(n), self.likelihood.model
-        if not frame.terms.has_seen or not model.has_keypoints21:
+        if not frame.terms.has_observations or not model.has_keypoints21:
             return
         pose = min(self.minima[n], key=lambda one: one.system.cost).pose
         far = stage_problem(frame.terms, pose, 0)

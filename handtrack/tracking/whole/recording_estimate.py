@@ -263,7 +263,7 @@ def flip_limbs(estimate: RecordingEstimate) -> RecordingEstimate:
     several = trajectory_hypotheses(first, estimate.frames, count, estimate.recording.control)
     best = several[0]
     return replace(
-        estimate, hypotheses=tuple(several), solution=best.found, likelihood=best.likelihood
+        estimate, hypotheses=tuple(several), solution=best.estimate, likelihood=best.likelihood
     )
 
 
@@ -401,8 +401,8 @@ def _result(
     covariance = change @ found.covariance[n] @ change.T
     _, std, joints = uncertainty(model, pose, np.linalg.inv(covariance))
     assessment = FrameConfidence(before.status, before.reason, joints)
-    seen = frame.terms.has_seen
-    terms, problem = frame.seen_by(found, n)
+    seen = frame.terms.has_observations
+    terms, problem = frame.observed_by(found, n)
     energies = problem.costs(pose) if seen else {}
     if seen and before.frame not in likelihood.silent | likelihood.poor:
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))

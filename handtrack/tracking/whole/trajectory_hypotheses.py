@@ -25,7 +25,7 @@ of a real person the best hypothesis was two such steps away in one camera of fo
 class TrajectoryHypothesis:
     """Poses of all frames, refined together."""
 
-    found: WholeEstimate
+    estimate: WholeEstimate
     likelihood: RecordingLikelihood
     origin: str
     """how it was come by"""
@@ -34,8 +34,8 @@ class TrajectoryHypothesis:
     def cost(self) -> float:
         """By which hypotheses are compared: what all frames say, and what is usual of motion."""
         usual = self.likelihood.usual
-        moves = 0.0 if usual is None else usual.cost(self.found.poses)
-        return float(self.found.costs.sum()) + moves
+        moves = 0.0 if usual is None else usual.cost(self.estimate.poses)
+        return float(self.estimate.costs.sum()) + moves
 
 
 def trajectory_hypotheses(
@@ -71,7 +71,7 @@ def _camera(likelihood: RecordingLikelihood, frames: Sequence[int]) -> Camera | 
     found = None
     for frame in frames:
         terms = likelihood.of(frame).terms
-        if terms.has_seen:
+        if terms.has_observations:
             camera = only_camera(terms)
             if camera is None or (found is not None and found.name != camera.name):
                 return None
@@ -94,7 +94,7 @@ def _trials(hypothesis: TrajectoryHypothesis, camera: Camera) -> Iterator[tuple[
     """Yield each limb's name and the poses in which it is flipped, one hypothesis of all: from the frame where a flip differs most it is
     followed to both sides, to the flip that is nearest. Where the limb lies in the image plane that is the pose itself.
     """
-    model, poses = hypothesis.likelihood.model, hypothesis.found.poses
+    model, poses = hypothesis.likelihood.model, hypothesis.estimate.poses
     by_frame = [flips_of_limbs(model, pose, camera) for pose in poses]
     for name in by_frame[0]:
         leaves = [np.concatenate([pose[None], at[name]]) for pose, at in zip(poses, by_frame, strict=True)]  # fmt: skip
@@ -119,7 +119,7 @@ def _unlike(hypotheses: Sequence[TrajectoryHypothesis]) -> list[TrajectoryHypoth
     """Return the hypotheses of which no better one is the same: all joints of all frames near each other."""
     model = hypotheses[0].likelihood.model
     places = np.array(
-        [[model.joint_positions(model.bones(p)) for p in one.found.poses] for one in hypotheses]
+        [[model.joint_positions(model.bones(p)) for p in one.estimate.poses] for one in hypotheses]
     )
 
     def differ(row: int, others: Ints) -> Array:

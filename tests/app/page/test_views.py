@@ -177,7 +177,9 @@ def test_a_page_sees_all_cameras_until_it_looks_elsewhere(bench, page):
 def test_a_close_picture_shows_the_hand_whole_and_large_with_its_outline(bench):
     document = bench.worker.document
     model = document.model
-    flesh = model.flesh["fine"].posed(model.bones(model.transform.solver_params(document.start)))
+    flesh = model.ellipsoids["fine"].posed(
+        model.bones(model.transform.solver_params(document.start))
+    )
     camera = document.run.session.rig["front"]
     picture = close_up(np.full((72, 96, 3), 90, np.uint8), camera, flesh)
     yellow = (picture[..., 0] > 200) & (picture[..., 2] < 90)

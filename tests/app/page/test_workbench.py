@@ -26,7 +26,7 @@ from tests.session.small_session import edit
 def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench):
     document, stage = bench.worker.document, bench.stage
     bones = document.model.bones(document.model.transform.solver_params(document.start))
-    posed = document.model.flesh["fine"].posed(bones)
+    posed = document.model.ellipsoids["fine"].posed(bones)
     turned = matrix_from_quaternion(np.array(stage.hand.ellipsoids.batched_wxyzs, float))
     assert_allclose(turned, posed.rotation, atol=1e-6)
     for camera in document.run.session.rig.cameras:

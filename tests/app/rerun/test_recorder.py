@@ -99,7 +99,7 @@ def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run):
     told = {}
     recording = SimpleNamespace(log=lambda name, what, static=False: told.setdefault(name, what))
     log_space(recording, run.model, bones, None, {})
-    posed = run.model.flesh["fine"].posed(bones)
+    posed = run.model.ellipsoids["fine"].posed(bones)
     turns = np.array(told["world/flesh"].quaternions.as_arrow_array().to_pylist())
     assert_allclose(matrix_from_quaternion(turns[:, [3, 0, 1, 2]]), posed.rotation, atol=1e-6)
     rotation = rotation_matrix(np.array([0.3, -0.2, 0.5]))

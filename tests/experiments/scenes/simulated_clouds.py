@@ -54,7 +54,7 @@ def depth_views(
     least, most = sensor.wrong_m
     for frame, joint in enumerate(joint_params):
         bones = model.bones(model.transform.solver_params(joint))
-        depth = render(camera, model.flesh["metaballs"].posed(bones), rays)[1]
+        depth = render(camera, model.ellipsoids["metaballs"].posed(bones), rays)[1]
         hand = depth > 0
         off = np.where(size[frame] < 0.5, -1.0, 1.0) * (
             least + (most - least) * np.abs(2.0 * size[frame] - 1.0)

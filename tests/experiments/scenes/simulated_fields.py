@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack import ArticulatedModel, Camera, Silhouette
 from handtrack.arrays import Floats, P
-from handtrack.model.flesh import field_image
+from handtrack.model.ellipsoids import field_image
 from handtrack.simulation.scenes.simulated_views import everything
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 
@@ -23,7 +23,7 @@ def field_views(
 
     depth_scaled: the paper's scale 1/C*₃₃ [m⁻²]; otherwise fields are −1 at their centres.
     """
-    flesh = model.flesh["fine"].posed(model.bones(params))
+    flesh = model.ellipsoids["fine"].posed(model.bones(params))
     seen = []
     for camera in cameras:
         field = field_image(camera, flesh, depth_scaled=depth_scaled)

@@ -13,7 +13,7 @@ from handtrack import ArticulatedModel, Camera, HandScale, Observation, Silhouet
 from handtrack.arrays import D3, D21, Floats
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.model.articulated import FINGERS
-from handtrack.model.flesh import Ellipsoids, model_mask
+from handtrack.model.ellipsoids import Ellipsoids, model_mask
 from handtrack.model.pose_library import alphabet, named_pose
 from handtrack.simulation.render import pixel_rays, render
 from handtrack.simulation.scenes.simulated_views import everything
@@ -62,8 +62,10 @@ def another_hand(rng: np.random.Generator, has_arm: bool = False) -> Articulated
     hand = load_model(forearm=has_arm, scale=scale)
     count = hand.skeleton.bone_count
     girth = np.exp(_GIRTH * rng.normal() + _BONE_GIRTH * rng.normal(size=count))
-    flesh = {k: replace(e, radii=e.radii * girth[e.bone][:, None]) for k, e in hand.flesh.items()}
-    return replace(hand, flesh=flesh)
+    flesh = {
+        k: replace(e, radii=e.radii * girth[e.bone][:, None]) for k, e in hand.ellipsoids.items()
+    }
+    return replace(hand, ellipsoids=flesh)
 
 
 def _posed(hand: ArticulatedModel, gesture: str, rng: np.random.Generator) -> Floats:
@@ -82,12 +84,12 @@ def _observed(
     kind: str, hand: ArticulatedModel, params: Floats, rng: np.random.Generator
 ) -> Observation:
     bones = hand.bones(params)
-    fine = hand.flesh["fine"].posed(bones)
+    fine = hand.ellipsoids["fine"].posed(bones)
     if kind.startswith("sil"):
         cameras = simulated_rig(int(kind[3:]), SIZE).cameras
         return Observation(0, 0.0, tuple(_mask(camera, fine, rng) for camera in cameras))
     camera = simulated_rig(1, SIZE).cameras[0]
-    depth = render(camera, hand.flesh["metaballs"].posed(bones), pixel_rays(camera))[1]
+    depth = render(camera, hand.ellipsoids["metaballs"].posed(bones), pixel_rays(camera))[1]
     breadth, sigma, missing = _DEPTH[kind]
     noise, blobs = (_smooth(depth.shape, b, rng) for b in (breadth, 8.0))
     there = (depth > 0) & (blobs > norm.ppf(missing))

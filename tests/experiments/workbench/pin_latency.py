@@ -41,7 +41,7 @@ def pin_latency() -> dict[str, Any]:
         run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
         camera = run.session.rig[_CAMERA].without_distortion()
         bone = run.model.skeleton.bone(_BONE)
-        ellipsoid = int(np.flatnonzero(run.model.flesh["fine"].bone == bone)[0])
+        ellipsoid = int(np.flatnonzero(run.model.ellipsoids["fine"].bone == bone)[0])
         with RunningWorkbench(str(folder)) as program, WireClient(program.url) as client:
             _until(client, _READY)
             client.trigger(f"Camera view: {_CAMERA}")

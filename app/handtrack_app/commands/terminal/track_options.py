@@ -18,7 +18,7 @@ from handtrack.session.first_pose.first_pose_search import (
     SURE,
     confirmed_by_tracking,
     find_first_poses,
-    no_hand_found,
+    no_pose_error,
 )
 from handtrack.session.layout import POSES_FILE, SESSION_FILE
 from handtrack.session.run import TrackingRun, poses_of_image_joints
@@ -229,7 +229,7 @@ def search_first_pose(
     if stop():
         return None
     if not result:
-        raise no_hand_found(run)
+        raise no_pose_error(run)
     for line in described(result):
         print_status(line)
     first = result[0].first_pose

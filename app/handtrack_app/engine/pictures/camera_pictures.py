@@ -23,7 +23,7 @@ from handtrack.diagnostics.residual_image import (
     residual_picture,
 )
 from handtrack.geometry.camera import Camera
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.parallel import LRUCache
@@ -384,7 +384,7 @@ class Painter:
         session, frame = document.run.session, document.frame
         maker.see(session)
         bones = document.model.bones_within_limits(document.displayed)
-        ellipsoids = document.model.flesh["fine"].posed(bones)
+        ellipsoids = document.model.ellipsoids["fine"].posed(bones)
         skeleton = document.model.skeleton
         aside = skeleton.bone("forearm") if document.model.has_forearm else None
         large = {}

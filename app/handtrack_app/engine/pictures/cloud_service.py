@@ -212,7 +212,7 @@ def _residual_mm(moment: RenderInput, points: Floats) -> Floats:
     """Return the distances to the surface (N,) [mm], to first order: the solver's own grows faster beside an
     ellipsoid's ends than millimetres do.
     """
-    if "metaballs" not in moment.run.model.flesh:
+    if "metaballs" not in moment.run.model.ellipsoids:
         return np.full(len(points), np.nan)
     distance, _, gradient = moment.surface.near(moment.bones, points)
     slope = np.linalg.norm(gradient, axis=1)
@@ -262,7 +262,7 @@ class CloudService(PreviewService):
     def _show(self, hurried: bool) -> None:
         cloud, stereo = self._wants_cloud, self._wanted.picture == "stereo"
         moment, maker = self._moment(), self._maker
-        if self._surface and not hurried and "metaballs" in moment.run.model.flesh:
+        if self._surface and not hurried and "metaballs" in moment.run.model.ellipsoids:
             self.opened.render_thread.ask("surface", lambda: maker.surface(moment))
         if cloud and self._wanted.points:
             self.opened.render_thread.ask("cloud", lambda: maker.cloud(moment))

@@ -85,8 +85,8 @@ def read_matlab(tree: Any, where: str) -> ImportedRig | None:
 
     Vectors stand in rows, and the first pixel is (1, 1).
     """
-    table = _found(tree, _MARK)
-    if table is None and _found(tree, "RadialDistortion") is not None:
+    table = _table_with(tree, _MARK)
+    if table is None and _table_with(tree, "RadialDistortion") is not None:
         raise HandtrackError(
             f"{where}: the lens of one camera, without the cameras' places. Give stereoParams, which stereoCameraCalibrator saves."
         )
@@ -106,7 +106,7 @@ def read_matlab(tree: Any, where: str) -> ImportedRig | None:
     )
 
 
-def _found(tree: Any, mark: str) -> Mapping[str, Any] | None:
+def _table_with(tree: Any, mark: str) -> Mapping[str, Any] | None:
     """Return the first table with a key, at most three levels down: calibrationSession.mat has it below its session."""
     tables = [tree] if isinstance(tree, Mapping) else []
     for _ in range(4):

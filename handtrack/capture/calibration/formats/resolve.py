@@ -29,7 +29,10 @@ from handtrack.geometry.triangulation import triangulated
 _WITH_JOINTS = (1.0, 0.01, 0.001)  # of which at most one fits somebody's size
 UNITS_M = {1.0: "metres", 0.001: "millimetres"}
 """those that calibrations are written in and that cannot be taken for one another; others must be said"""
-_SEEN = (0.05, 1.5)  # of the image's smaller side: less is too small to track, more does not fit in
+_SHARE_OF_IMAGE = (
+    0.05,
+    1.5,
+)  # of the image's smaller side: less is too small to track, more does not fit in
 _SIDE_BY_SIDE = (
     1 / 18,
     10 / 3,
@@ -256,7 +259,7 @@ def _likely_units(
         return [unit for unit in UNITS_M if low <= max(apart) * unit <= high]
     spans = np.array([camera.focal_px / min(camera.size) for camera in rig]) * size_m
     share = float(np.median(spans / depths))
-    return [unit for unit in UNITS_M if _SEEN[0] <= share / unit <= _SEEN[1]]
+    return [unit for unit in UNITS_M if _SHARE_OF_IMAGE[0] <= share / unit <= _SHARE_OF_IMAGE[1]]
 
 
 def _range(values: Sequence[float], word: str) -> str:

@@ -31,7 +31,7 @@ from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import (
     EDGE_CORRELATION_PX,
     EDGE_SEARCH_PX,
-    FOREARM_SEEN_MM,
+    FOREARM_VISIBLE_MM,
     TEXTURE_CORRELATION_PX,
     TEXTURE_SMOOTH_PX,
 )
@@ -52,7 +52,7 @@ _LEAST_SMOOTHING_PX = 0.8  # of images in which edges are looked for
 class Before:
     """A frame that is solved already."""
 
-    seen: Observation
+    observation: Observation
     bones: BonePoses
     """where the model was found in it"""
     first: Before | None = None
@@ -118,7 +118,7 @@ def see_appearance(
         carried += last if memory < 1 else []
     if not by_edges and not carried:
         return None
-    step = _STEP * float(np.median(model.flesh["fine"].radii.min(axis=1)))
+    step = _STEP * float(np.median(model.ellipsoids["fine"].radii.min(axis=1)))
     return AppearanceObservation(seen.images, mesh, step, tuple(carried))
 
 
@@ -208,7 +208,7 @@ def _carried(
     """Return the surface points that each camera saw in an earlier frame, but not those next to the background."""
     now = {view.camera.name: view.camera for view in images}
     found = []
-    for view in before.seen.images:
+    for view in before.observation.images:
         if view.camera.name not in now:
             continue
         picture = depth_picture(mesh, before.bones, view.camera)
@@ -245,4 +245,4 @@ def _agreeing(carried: _Carried, known: Sequence[_Carried], settings: TrackerSet
 def _looked_at(model: ArticulatedModel) -> PartMesh:
     """Return the model's mesh without the far end of the forearm, where there may be a sleeve."""
     mesh = model_mesh(model)
-    return mesh.subset(~model.is_forearm(mesh.bone) | (mesh.local[:, 1] < FOREARM_SEEN_MM * _MM))
+    return mesh.subset(~model.is_forearm(mesh.bone) | (mesh.local[:, 1] < FOREARM_VISIBLE_MM * _MM))

@@ -16,12 +16,12 @@ from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.model.surfaces.surface_mesh import relaxed_mesh
 from handtrack.observation.observation import Observation
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
-from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, hiding, seen_from
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, hiding, visible_from
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.clouds.distance_map import distance_map
 from handtrack.terms.loss import Loss, geman_mcclure, quadratic, uniform_outliers
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.frame.constants import CLOUD_PATCH_MM, FOREARM_SEEN_MM
+from handtrack.tracking.frame.constants import CLOUD_PATCH_MM, FOREARM_VISIBLE_MM
 from handtrack.tracking.frame.methods import Traits
 from handtrack.tracking.frame.reason import NEAR_M
 from handtrack.tracking.frame.settings import CloudTermSettings, TrackerSettings
@@ -56,7 +56,7 @@ class CloudObservation:
     """E2, for the surface where the frame starts; of the lines of sight, not the points, where depths are doubted. None when
     only the cloud's side is asked for"""
     views: tuple[Floats[K, D3], ...]
-    """what can have seen the surface, as in `seen_from`"""
+    """what can have seen the surface, as in `visible_from`"""
     objects: Floats[M, D3]
     """measured points before the hand, of something else: what they hide is not asked for"""
     sigma_m: float | None = None
@@ -85,7 +85,7 @@ class CloudObservation:
         usual = _BETTER * usual_m <= found <= usual_m / _BETTER
         return self if usual else replace(self, sigma_m=found)
 
-    def as_seen_at(self, bones: BonePoses) -> CloudObservation:
+    def visible_at(self, bones: BonePoses) -> CloudObservation:
         """Return the same points, asking of the model what is in view at another pose.
 
         A finger that folds behind the palm leaves the view; asked for where it was in view, it could never fold.
@@ -94,7 +94,7 @@ class CloudObservation:
             return self
         model, traits = self.model, self.settings.traits
         mesh, asked = _mesh(model, self.settings.cloud), _asked(self.views, traits)
-        kept = seen_from(*mesh.carried(bones), asked, self.objects)
+        kept = visible_from(*mesh.carried(bones), asked, self.objects)
         bone, local = _on_hand(model, mesh, kept)
         return replace(self, emptiness=replace(self.emptiness, bone=bone, local=local))
 
@@ -122,7 +122,7 @@ def see_cloud(
     if model.has_forearm:
         bone = model.skeleton.bone("forearm")
         along = (points - start.position[bone]) @ start.rotation[bone][:, 1]
-        points = points[along < FOREARM_SEEN_MM * _MM]
+        points = points[along < FOREARM_VISIBLE_MM * _MM]
     elif model.has_keypoints21:  # as of masks: to cover an arm, a hand alone would slide along it
         points = points[~is_behind_hand(points, model, start)]
     if len(points) < _FEWEST:
@@ -135,7 +135,7 @@ def see_cloud(
         if _is_doubted(seen.cloud_views, settings.cloud):
             filled = _lines_of_sight(points, _eye(seen.cloud_views), vertices, margin)
         low, high = vertices.min(axis=0) - margin, vertices.max(axis=0) + margin
-        kept = seen_from(vertices, normals, views, before)
+        kept = visible_from(vertices, normals, views, before)
         distances = distance_map(filled, low, high)
         emptiness = CloudEmptinessTerm(distances, *_on_hand(model, mesh, kept))
     share = 1.0 if traits.plain_sums else min(1.0, patches / len(points))

@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, N, P
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation, PointCloud, Silhouette
 from handtrack.solver.problem import Problem
@@ -175,13 +175,13 @@ def is_behind_hand(points: Floats[N, D3], model: ArticulatedModel, bones: BonePo
 
 
 def _hand(model: ArticulatedModel, bones: BonePoses) -> Ellipsoids:
-    return _hand_flesh(model).posed(bones)
+    return _hand_ellipsoids(model).posed(bones)
 
 
 @lru_cache(maxsize=8)
-def _hand_flesh(model: ArticulatedModel) -> Ellipsoids:
-    flesh = model.flesh["fine"]
-    return flesh.subset(~model.is_forearm(flesh.bone))
+def _hand_ellipsoids(model: ArticulatedModel) -> Ellipsoids:
+    ellipsoids = model.ellipsoids["fine"]
+    return ellipsoids.subset(~model.is_forearm(ellipsoids.bone))
 
 
 def _before(camera: Floats, points: Floats, hand: Ellipsoids) -> Array:

@@ -23,9 +23,9 @@ def hand_distance(
     it need not be known well.
     """
     surface = MetaballSurface.of(model)
-    flesh = surface.ellipsoids.posed(bones)
-    reach = flesh.radii.max(axis=1, keepdims=True)
-    low, high = (flesh.centre - reach).min(axis=0), (flesh.centre + reach).max(axis=0)
+    ellipsoids = surface.ellipsoids.posed(bones)
+    reach = ellipsoids.radii.max(axis=1, keepdims=True)
+    low, high = (ellipsoids.centre - reach).min(axis=0), (ellipsoids.centre + reach).max(axis=0)
 
     def distance(points: Floats) -> Floats:
         outside = np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0.0), axis=1)

@@ -10,7 +10,7 @@ from handtrack.arrays import D3, Floats, Ints, K, M, N, P, R, array_dataclass
 from handtrack.capture.clouds.cloud_filters import thinned
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, visible_from
 from handtrack.terms.clouds.distance_map import DistanceMap, distance_map
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.term import ObservationTerm
@@ -116,7 +116,7 @@ class CloudScore:
             )
         vertices, normals = shape.mesh.carried(model.bones(params))
         seen = np.linalg.norm(vertices - middle, axis=1) < shape.reach
-        seen &= seen_from(vertices, normals, self.views) & ~model.is_forearm(shape.mesh.bone)
+        seen &= visible_from(vertices, normals, self.views) & ~model.is_forearm(shape.mesh.bone)
         terms.append(
             CloudEmptinessTerm(
                 self.distances,

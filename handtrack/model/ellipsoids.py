@@ -37,9 +37,9 @@ class Ellipsoids:
 
     def posed(self, bones: BonePoses) -> Ellipsoids:
         """Return the ellipsoids where the bones have carried them."""
-        flesh, carried = self.rescaled(bones), bones.rotation[self.bone]
-        centre = bones.position[self.bone] + np.einsum("eij,ej->ei", carried, flesh.centre)
-        return Ellipsoids(self.bone, centre, carried @ self.rotation, flesh.radii)
+        ellipsoids, carried = self.rescaled(bones), bones.rotation[self.bone]
+        centre = bones.position[self.bone] + np.einsum("eij,ej->ei", carried, ellipsoids.centre)
+        return Ellipsoids(self.bone, centre, carried @ self.rotation, ellipsoids.radii)
 
     def rescaled(self, bones: BonePoses) -> Ellipsoids:
         """Return the ellipsoids as large as the bones are."""
@@ -81,7 +81,7 @@ class Ellipsoids:
 
 def field_image(
     camera: Camera,
-    flesh: Ellipsoids,
+    ellipsoids: Ellipsoids,
     levels: Floats[E, D2] | None = None,
     depth_scaled: bool = False,
 ) -> Floats[H, W]:
@@ -99,9 +99,9 @@ def field_image(
     """
     width, height = camera.size
     image = np.zeros((height, width))
-    shape = shape_matrix(flesh.rotation, flesh.radii)
-    dual = dual_conic(camera.projection, flesh.centre, shape)
-    seen = is_ellipse(camera.projection, flesh.centre, shape)
+    shape = shape_matrix(ellipsoids.rotation, ellipsoids.radii)
+    dual = dual_conic(camera.projection, ellipsoids.centre, shape)
+    seen = is_ellipse(camera.projection, ellipsoids.centre, shape)
     centre, spread = ellipse(np.where(seen[:, None, None], dual, np.diag([-1.0, -1.0, 1.0])))
     seen &= (spread[:, 0, 0] > 0) & (spread[:, 1, 1] > 0)
     for e in np.flatnonzero(seen):
@@ -122,6 +122,6 @@ def field_image(
     return image
 
 
-def model_mask(camera: Camera, flesh: Ellipsoids) -> Array[H, W]:
+def model_mask(camera: Camera, ellipsoids: Ellipsoids) -> Array[H, W]:
     """Return True where the undistorted camera sees the model."""
-    return field_image(camera, flesh) < 0
+    return field_image(camera, ellipsoids) < 0
