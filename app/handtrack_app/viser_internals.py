@@ -1,6 +1,6 @@
 """The only file that uses private names of viser: what its public interface lacks, each under a name of ours.
 
-Tried with viser 1.1.1. The messages that a page sends are checked against viser's own declarations of them.
+Tried with viser 1.1.0 and 1.1.1; 1.0.30 has neither panels, browser storage nor bounds of the orbit distance. The messages that a page sends are checked against viser's own declarations of them.
 """
 
 from __future__ import annotations

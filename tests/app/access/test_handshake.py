@@ -5,6 +5,7 @@ import http.client
 import os
 import socket
 import webbrowser
+from importlib.metadata import version
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -18,7 +19,7 @@ from handtrack_app.access.address import choose_port, host_warning, is_loopback
 from handtrack_app.access.web_server import MOST_CLIENTS, show_in_browser, start_web_server
 from tests.app.waiting import eventually
 
-VISER = ["viser-v1.1.1"]
+VISER = [f"viser-v{version('viser')}"]
 
 
 @pytest.fixture(scope="module")
