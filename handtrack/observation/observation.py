@@ -31,6 +31,8 @@ from handtrack.geometry.camera import Camera
 from handtrack.observation.lens_maps import Roi, lens_maps
 from handtrack.observation.pins import ImagePins
 
+CLOUD_NAME = ""
+"""a cloud's name among those of cameras"""
 UNKNOWN = np.float32(-1.0)
 """in a silhouette's mask: hand or background, nobody knows; the lowest of its values, and the only one below 0"""
 
@@ -231,14 +233,14 @@ class Observation:
     cloud: PointCloud | None = None
     cloud_views: tuple[Floats[K, D3], ...] = ()
     """what can have seen the cloud's points: camera centres, world [m], that must all see one"""
+    cloud_cameras: tuple[str, ...] = ()
+    """those that measured the cloud: it has the mean of their times"""
     images: tuple[ImageView, ...] = ()
     """only where edges or intensity are looked at"""
     pins: tuple[ImagePins, ...] = ()
     """where a person said that joints and segments lie"""
     frames_later: Mapping[str, float] = field(default_factory=dict)
     """by camera, how many frames later than this one its image was taken, as far as is known"""
-    cloud_later: float = 0.0
-    """the same of the cloud, the mean of the cameras that measured it"""
     terms: tuple[Any, ...] = ()
     """the caller's own costs of bone poses (`terms.term.ObservationTerm`), which count as they are"""
     priors: tuple[Any, ...] = ()
@@ -255,6 +257,12 @@ class Observation:
         if self.cloud is not None:
             how = "PointCloud(points), of shape (N, 3) [m]"
             check_kind(self.cloud, PointCloud, f"cloud of frame {self.frame}", how)
+
+    @property
+    def later(self) -> dict[str, float]:
+        """`frames_later`, and the same of the cloud."""
+        cloud = [self.frames_later.get(name, 0.0) for name in self.cloud_cameras]
+        return {**self.frames_later, CLOUD_NAME: sum(cloud) / max(len(cloud), 1)}
 
     @property
     def image_keypoints(self) -> list[ImageKeypoints]:

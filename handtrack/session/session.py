@@ -449,12 +449,11 @@ class Session:
     def _with_cloud(self, seen: Observation, hand_distance: HandDistance | None) -> Observation:
         assert self._clouds is not None
         points = self.cloud(seen.frame, hand_distance)[0]
-        later = [seen.frames_later.get(name, 0.0) for name in self._clouds.names]
         return replace(
             seen,
             cloud=points,
             cloud_views=self._clouds.cameras_needed,
-            cloud_later=sum(later) / max(len(later), 1),
+            cloud_cameras=self._clouds.names,
         )
 
     def _find_clouds(self) -> dict[int, Path]:

@@ -102,12 +102,11 @@ TRUTH = points_of(POSES)
 def test_a_camera_that_was_turned_is_put_right(monkeypatch):
     cameras = [camera_at(0, np.deg2rad(0.6)), camera_at(1), camera_at(2, zoom=1.004)]
     observe = watched(cameras, [TRUTH] * 3)
-    live, frames, found = refined(observe, POSES)
+    live, frames, _ = refined(observe, POSES)
     monkeypatch.setattr(recording_estimate, "_MOVED_S", np.inf)  # cameras are left as they are
     left = refine(Recording(HAND, TrackerSettings(), observe), live)
     # measured 2.25 of 4.0 mm: where the room is nobody sees, and the prior yields to all frames as to one
     assert mean_off_mm(frames, TRUTH) < 0.65 * mean_off_mm(left, TRUTH)
-    assert {one.name for one in found.cameras} == {"cam0", "cam1", "cam2"}
 
 
 def test_clean_cameras_are_left_alone_and_predicted_at_the_time_of_each_of_their_frames():
@@ -248,8 +247,8 @@ def cloud_errors_mm(rng, later, told):
     clouds = [PointCloud(on_surface(HAND, pose, 700, rng)[0]) for pose in poses_at(frames + later)]
 
     def observe(frame, _bones=None):
-        by = later if told else 0.0
-        return Observation(frame, frame / FPS, cloud=clouds[frame], cloud_later=by)
+        more = {"cloud_cameras": ["cam0"], "frames_later": {"cam0": told * later}}
+        return Observation(frame, frame / FPS, cloud=clouds[frame], **more)
 
     settings, start = TrackerSettings().with_values(QUICK), poses_at(frames[:1])[0]
     found = list(track_frames(Tracker(HAND, settings), observe, 0, start, range(len(frames))))

@@ -16,6 +16,7 @@ from handtrack.arrays import D3, Array, Axes, C, Floats, Ints, J, K, N, P, S, ar
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.size import SizeParameters, hand_length_mm, is_unmeasured
+from handtrack.observation.observation import CLOUD_NAME
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
 from handtrack.terms.silhouettes.unexplained import unexplained_mm2
 from handtrack.tracking.frame.constants import (
@@ -317,6 +318,7 @@ def is_where_joints_are(terms: FrameTerms, bones: BonePoses) -> bool:
 def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     if terms.cloud is None:
         return Status.TRACKED, None
+    bones = terms.then(CLOUD_NAME, bones)
     found = agreement(terms.cloud.visible_at(bones), bones)
     reason = Reason("cloud", number=found.explained)
     # points of other things tell nothing of a hand whose surface was measured

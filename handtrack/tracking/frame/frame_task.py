@@ -106,8 +106,7 @@ class FrameTask:
         last = self.previous[-1]
         ends = (self.model.solver_params(x) for x in (last.parameters, self.expected))
         velocity = change(*ends) / (self.observation.frame - last.frame)
-        seen = self.observation
-        return at_camera_times(terms, seen.frames_later, params, velocity, seen.cloud_later)
+        return at_camera_times(terms, self.observation.later, params, velocity)
 
     def opened(self) -> tuple[Floats[P], FrameTerms]:
         """Return where to begin and the frame's terms there; the forearm of a first pose is aimed first."""

@@ -12,7 +12,13 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_changes import moved
 from handtrack.observation.agreement import suspected
-from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
+from handtrack.observation.observation import (
+    CLOUD_NAME,
+    ImageKeypoints,
+    Keypoints,
+    Observation,
+    Silhouette,
+)
 from handtrack.terms.collision import contact
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber
@@ -36,7 +42,12 @@ from handtrack.tracking.frame.terms.appearance_terms import (
     at_stage,
     see_appearance,
 )
-from handtrack.tracking.frame.terms.cloud_terms import CloudObservation, cloud_terms, see_cloud
+from handtrack.tracking.frame.terms.cloud_terms import (
+    CLOUD_TERMS,
+    CloudObservation,
+    cloud_terms,
+    see_cloud,
+)
 from handtrack.tracking.frame.terms.forearm import forearm_cut
 from handtrack.tracking.frame.terms.priors import motion_prior, pose_priors
 
@@ -79,9 +90,7 @@ class FrameTerms:
     own_priors: tuple[ParameterTerm, ...] = ()
     """the caller's; they are among the priors"""
     motions: Mapping[str, BoneMotion] = field(default_factory=dict)
-    """by camera that saw at another time, how the bones move until then"""
-    cloud_motion: BoneMotion | None = None
-    """likewise of a cloud"""
+    """by camera that saw at another time, or of the cloud, how the bones move until then"""
 
     def without_motion(self) -> FrameTerms:
         """Return the terms without the pull to the predicted pose."""
@@ -94,7 +103,7 @@ class FrameTerms:
 
     def sharpened(self, bones: BonePoses) -> FrameTerms:
         """Return the terms with a cloud taken as exactly as it lies on the surface of a solved pose; self if not nearer than usual."""
-        cloud = self.cloud and self.cloud.sharpened(bones)
+        cloud = self.cloud and self.cloud.sharpened(self.then(CLOUD_NAME, bones))
         return self if cloud is self.cloud else replace(self, cloud=cloud)
 
     def with_outlines(self, off_mm: Mapping[str, float]) -> FrameTerms:
@@ -121,8 +130,13 @@ class FrameTerms:
     def misses(self, term: KeypointTerm, bones: BonePoses) -> tuple[Ints[N], Floats[N]]:
         """Return `KeypointTerm.misses` at the time when the term's camera saw."""
         seen = term.observed
-        then = None if isinstance(seen, Keypoints) else self.motions.get(seen.camera.name)
-        return term.misses(bones if then is None else then.carried(bones))
+        here = isinstance(seen, Keypoints)
+        return term.misses(bones if here else self.then(seen.camera.name, bones))
+
+    def then(self, name: str, bones: BonePoses) -> BonePoses:
+        """Return bones at the time when a camera saw, or when the cloud was measured."""
+        motion = self.motions.get(name)
+        return bones if motion is None else motion.carried(bones)
 
     @property
     def detected(self) -> list[tuple[KeypointTerm, ImageKeypoints]]:
@@ -174,9 +188,7 @@ class FrameTerms:
         points = (self if index >= self.stages - 1 else self.wide()).keypoints
         terms: list[ObservationTerm] = [*self.own, *self.parts, *self.pins, *points]
         if self.cloud is not None:
-            points_seen = cloud_terms(self.cloud, band_mm)
-            then = self.cloud_motion
-            terms += points_seen if then is None else [AtOwnTime(t, then) for t in points_seen]
+            terms += cloud_terms(self.cloud, band_mm)
         if self.appearance is not None:
             terms += appearance_terms(self.appearance, self.settings, index, start)
         if not self.prepared:
@@ -315,14 +327,13 @@ def at_camera_times(
     later: Mapping[str, float],
     params: Floats[P],
     velocity: Floats[P],
-    cloud_later: float = 0.0,
 ) -> FrameTerms:
     """Return the terms in which cameras, and the cloud, are predicted at their own times.
 
     Parameters
     ----------
     later
-        By camera, how many frames later than this one it saw.
+        By camera, how many frames later than this one it saw, and of the cloud.
     velocity
         Of solver parameters [a frame], as `pose_changes.moved` takes it.
     """
@@ -332,17 +343,14 @@ def at_camera_times(
         then = model.clipped(moved(params, by * velocity))
         return BoneMotion.between(model.bones(params), model.bones(then))
 
-    return replace(
-        terms,
-        motions={name: until(by) for name, by in later.items() if by},
-        cloud_motion=until(cloud_later) if cloud_later and terms.cloud else terms.cloud_motion,
-    )
+    motions = {name: until(by) for name, by in later.items() if by}
+    return replace(terms, motions={**terms.motions, **motions})
 
 
 def by_camera(
     terms: Sequence[ObservationTerm],
 ) -> tuple[dict[str, list[ObservationTerm]], list[ObservationTerm]]:
-    """Return the terms that each camera alone says, by its name, and all others; together they are the same."""
+    """Return the terms that each camera alone says, by its name, those of a cloud, and all others; together they are the same."""
     found: dict[str, list[ObservationTerm]] = {}
     others = []
     for term in terms:
@@ -351,6 +359,8 @@ def by_camera(
                 found.setdefault(own.silhouettes[0].camera.name, []).append(own)
         elif isinstance(term, KeypointTerm) and not isinstance(term.observed, Keypoints):
             found.setdefault(term.observed.camera.name, []).append(term)
+        elif isinstance(term, CLOUD_TERMS):
+            found.setdefault(CLOUD_NAME, []).append(term)
         else:
             others.append(term)
     return found, others

@@ -7,11 +7,11 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from handtrack.arrays import D6, D9, Array, C, F, Floats, Ints, K, P, array_dataclass
+from handtrack.arrays import D6, D9, Array, C, F, Floats, Ints, K, L, P, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.model.pose_changes import PLACE, TURN, changes, moved
-from handtrack.observation.observation import Observation
+from handtrack.observation.observation import CLOUD_NAME, Observation
 from handtrack.terms.bone_system import JointSystem
 
 _TURN_RAD, _SHIFT_M, _ZOOM = np.deg2rad(0.5), 0.002, 0.005
@@ -49,6 +49,8 @@ class CameraPoses:
     """see `CameraChanges`"""
     by_outline: Floats[K]
     """by how much farther out outlines are with each of the camera's free numbers [m]"""
+    first: int
+    """which of all cameras' free numbers is the first of these"""
 
 
 @array_dataclass
@@ -70,8 +72,10 @@ class CameraChanges:
 
     free: Array[D9] = field(default_factory=ALL.copy)
     """which are found; the others stay as they are"""
-    known: Floats[C, F] | float = 0.0
-    """[frames] by which each frame of theirs is later as far as is known beforehand; how late they are comes on top"""
+    known: Floats[L, F] | float = 0.0
+    """[frames] by which each frame of theirs, and last of a cloud, is later as far as is known beforehand; how late they are comes on top"""
+    cloud: Floats[C] | float = 0.0
+    """each camera's share of a cloud's time, which is the mean of those that measured it; nothing of one that shows nothing else"""
 
     @classmethod
     def of(
@@ -79,18 +83,20 @@ class CameraChanges:
     ) -> CameraChanges:
         """Return those that may change, of masks and joints in some frames, where two can tell; as they were calibrated.
 
-        frames_later: of each frame of the recording, by camera, how many frames later it is, as far as is known.
+        frames_later: of each frame of the recording, by camera, and of the cloud, how many frames later it is, as far as is known.
         """
-        seen: dict[str, Camera] = {}
+        seen, measured = dict[str, Camera](), set[str]()
         for one in frames:
             joints = one.image_keypoints
             seen |= {view.camera.name: view.camera for view in (*one.silhouettes, *joints)}
+            measured.update(one.cloud_cameras)
         names = seen if len(seen) > 1 else ()
         count = len(names)
-        known = np.array([[one.get(name, 0.0) for one in frames_later] for name in names])
+        known = [[one.get(name, 0.0) for one in frames_later] for name in (*names, CLOUD_NAME)]
+        cloud = np.array([name in measured for name in names], float) / max(len(measured), 1)
         return cls(
             tuple(seen[name] for name in names), np.zeros((count, NUMBERS)), (0,) * count,
-            known=known.reshape(count, len(frames_later)),
+            known=np.array(known), cloud=cloud,
         )  # fmt: skip
 
     @property
@@ -132,6 +138,25 @@ class CameraChanges:
         """Of how much later a moment than expected each camera's image is [frames]: below 0 where it is late."""
         return self.values[:, LATE] - np.array(self.ahead, float)
 
+    @property
+    def cloud_ahead(self) -> int:
+        """Which frame's cloud is looked at beside a frame, in frames after it."""
+        return round(float(np.sum(self.cloud * np.array(self.ahead))))
+
+    def views(self, poses: Floats[F, P], velocity: Floats[F, P]) -> list[CameraPoses]:
+        """Return how each camera sees the hand; last how clouds do, whose time changes with their cameras'."""
+        found = [self.camera_poses(k, poses, velocity) for k in range(len(self.cameras))]
+        if np.any(self.cloud):
+            on = self.moments(len(poses))[-1][:, None] * velocity
+            by_pose = np.tile(np.eye(6), (len(poses), 1, 1))
+            by_pose[:, TURN, TURN] = rotation_matrix(on[:, TURN])
+            by_late = np.zeros((*poses.shape, len(self.cameras), NUMBERS))
+            by_late[..., LATE] = velocity[..., None] * self.cloud
+            by_camera = by_late[..., self.free].reshape(*poses.shape, -1)
+            none = np.zeros(self.count)
+            found.append(CameraPoses(moved(poses, on), by_pose, by_camera, 0.0, none, 0))
+        return found
+
     def camera_poses(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> CameraPoses:
         """Return how a camera sees the hand; velocity: of the poses [a frame], as `pose_changes.moved` takes it."""
         values, seen = self.values[camera], self.cameras[camera]
@@ -162,13 +187,16 @@ class CameraChanges:
             by_camera[:, :, self.free],
             float(values[WIDER]),
             OUTLINE[self.free].astype(float),
+            camera * int(self.free.sum()),
         )
 
-    def moments(self, frames: int) -> Floats[C, F]:
-        """Return how much later than a frame each camera saw the image that is looked at beside it, of so many frames."""
-        known = np.broadcast_to(self.known, (len(self.cameras), frames))
-        beside = np.arange(frames) + np.array(self.ahead, int)[:, None]
-        return self.values[:, LATE, None] + np.take_along_axis(known, beside.clip(0, frames - 1), 1)
+    def moments(self, frames: int) -> Floats[L, F]:
+        """Return how much later than a frame each camera saw the image that is looked at beside it, and last when a cloud was measured, of so many frames."""
+        ahead = np.array([*self.ahead, self.cloud_ahead])
+        found = np.append(self.late, np.sum(self.cloud * self.late)) + ahead
+        known = np.broadcast_to(self.known, (len(found), frames))
+        beside = np.arange(frames) + ahead[:, None]
+        return found[:, None] + np.take_along_axis(known, beside.clip(0, frames - 1), 1)
 
     @property
     def common(self) -> float:

@@ -9,7 +9,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from handtrack.arrays import D2, Array, C, F, Floats, K, N, P, array_dataclass
+from handtrack.arrays import D2, Array, F, Floats, K, N, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters
@@ -138,8 +138,8 @@ class WholeEstimate:
         return velocities(self.poses)
 
     @cached_property
-    def moments(self) -> Floats[C, F]:
-        """How much later than a frame each camera saw the image looked at beside it [frames]."""
+    def moments(self) -> Floats[N, F]:
+        """How much later than a frame each camera saw the image looked at beside it, and last the cloud was measured [frames]."""
         return self.cameras.moments(len(self.poses))
 
     @cached_property
@@ -277,7 +277,7 @@ def estimate_whole(
     def swept(poses: Floats[F, P], ahead: FrameSystems | None = None) -> _Swept:
         shared, speed = likelihood.shared, velocities(poses)
         cameras, person = shared.cameras, shared.person
-        views = [cameras.camera_poses(k, poses, speed) for k in range(len(cameras.cameras))]
+        views = cameras.views(poses, speed)
         systems = FrameSystems.empty(*poses.shape, shared.count) if ahead is None else ahead
         stands = np.zeros(len(frames), bool) if ahead is None else ahead.extrapolated < _ENOUGH
 

@@ -44,7 +44,7 @@ class FrameProblem:
     prior: Problem
     """what is known of poses beforehand"""
     views: tuple[Problem, ...]
-    """what each of the cameras saw that may change"""
+    """what each of the cameras saw that may change, last the clouds of theirs"""
     share: float
     """of what was seen, how much counts: less where errors last, and the poses are as wrong as they are"""
 
@@ -66,20 +66,21 @@ class FrameProblem:
         views
             Of each camera that may change, the frame being their n-th.
         """
-        size, first = len(pose), len(pose)
-        count = sum(view.by_camera.shape[2] for view in views) + person.count
+        size = len(pose)
+        ends = (view.first + view.by_camera.shape[2] for view in views)
+        count = max(ends, default=0) + person.count
         gradient, matrix = np.zeros(size + count), np.zeros((size + count, size + count))
         numbers = np.arange(size + count)
         persons = numbers[size + count - person.count :]
         cost = 0.0
         for problem, view in zip([self.others, *self.views], [None, *views], strict=True):
-            wide = 0 if view is None else view.by_camera.shape[2]
             if problem.observation_terms:
                 seen = _frame_system(person, problem, pose, view, n)
-                at = np.concatenate([numbers[:size], numbers[first : first + wide], persons])
+                own = numbers[size:] if view is None else numbers[size + view.first :]
+                wide = 0 if view is None else view.by_camera.shape[2]
+                at = np.concatenate([numbers[:size], own[:wide], persons])
                 cost += seen.cost
                 add_to_chosen(gradient, matrix, at, seen.gradient, seen.hessian)
-            first += wide
         known = by_changes(self.prior.linearize(pose), pose)
         told = matrix[:size, :size].copy()
         gradient[:size] += known.gradient

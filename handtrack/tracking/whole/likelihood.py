@@ -12,7 +12,13 @@ import numpy as np
 from handtrack.arrays import F, Floats, P, array_dataclass, evenly_spread
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
+from handtrack.observation.observation import (
+    CLOUD_NAME,
+    ImageKeypoints,
+    Keypoints,
+    Observation,
+    Silhouette,
+)
 from handtrack.observation.pins import ImagePins
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
@@ -113,7 +119,7 @@ class FrameLikelihood(FrameProblem):
             keypoints=tuple(map(corrected, self.terms.keypoints)),
             pins=tuple(map(corrected, self.terms.pins)),
         )
-        own = dict(zip(changes.names, found.moments[:, n].tolist(), strict=True))
+        own = dict(zip((*changes.names, CLOUD_NAME), found.moments[:, n].tolist(), strict=True))
         terms = at_camera_times(terms, own, pose, found.speeds[n])
         return terms, stage_problem(terms, pose)
 
@@ -162,7 +168,7 @@ class RecordingLikelihood:
     """share of what one camera's joints say, where they are all that was seen, that earlier frames did not say: their errors
     last (`new_share`)"""
     frames_later: dict[int, Mapping[str, float]] = field(default_factory=dict)
-    """of each frame that was read, by camera"""
+    """of each frame that was read, by camera, and of its cloud"""
     _held: OrderedDict[int, FrameLikelihood] = field(init=False, default_factory=OrderedDict)
 
     def of(self, frame: int) -> FrameLikelihood:
@@ -207,7 +213,11 @@ class RecordingLikelihood:
     def _observed(self, frame: int, bones: BonePoses) -> Observation:
         """Return what was seen beside a frame: of cameras that are late, later images."""
         seen = self.observe(frame, bones)
-        for name, ahead in zip(self.cameras.names, self.cameras.ahead, strict=True):
+        changes = self.cameras
+        ahead_by_name = zip(
+            (*changes.names, CLOUD_NAME), (*changes.ahead, changes.cloud_ahead), strict=True
+        )
+        for name, ahead in ahead_by_name:
             if ahead:
                 then = frame + ahead
                 later = self.observe(then, bones) if then in self.around else Observation(then, 0.0)
@@ -235,22 +245,24 @@ class RecordingLikelihood:
         bones = model.bones(pose)
         long_arm = bones if self.person is None else self.person.with_long_arm.bones(pose)
         observation = self._observed(frame, bones)
-        self.frames_later[frame] = observation.frames_later
+        self.frames_later[frame] = later = observation.later
         terms = frame_terms(model, replace(settings, prior=prior), observation, long_arm)
         if self.follows:
             beside = [n for n in (frame - 1, frame, frame + 1) if n in self.around]
             speed = velocities(np.array([self.around[n] for n in beside]))[beside.index(frame)]
-            terms = at_camera_times(terms, {}, pose, speed, observation.cloud_later)
+            terms = at_camera_times(terms, {CLOUD_NAME: later[CLOUD_NAME]}, pose, speed)
         terms = terms.sharpened(bones)
         if self.outline_mm and terms.prepared:
             terms = terms.with_outlines(self.outline_mm)
         if self.wide:
             terms = terms.wide()
         share = 1.0 if only_camera(terms) is None else self.new
-        told, others = by_camera(terms.coarser(share**-0.5).stage(bones))
+        clouds = (CLOUD_NAME,) if np.any(self.cameras.cloud) else ()
+        at_once = replace(terms, motions={}) if clouds else terms
+        told, others = by_camera(at_once.coarser(share**-0.5).stage(bones))
         if frame in self.silent:
             told, others = {}, []
-        views = [told.pop(name, []) for name in self.cameras.names]
+        views = [told.pop(name, []) for name in (*self.cameras.names, *clouds)]
         others += [term for own in told.values() for term in own]
         return FrameLikelihood(
             Problem(model, others), Problem(model, (), terms.priors), tuple(Problem(model, own) for own in views), share,
@@ -304,7 +316,9 @@ def new_share(likelihood: RecordingLikelihood, frames: Sequence[int], poses: Flo
 
 
 def _exchanged(seen: Observation, later: Observation, name: str) -> Observation:
-    """Return an observation with what one camera saw in another."""
+    """Return an observation with what one camera saw in another, or with its cloud."""
+    if name == CLOUD_NAME:
+        return replace(seen, cloud=later.cloud, frames_later=later.frames_later)
 
     def of_camera(one: Silhouette | Keypoints | ImageKeypoints | ImagePins) -> bool:
         return not isinstance(one, Keypoints) and one.camera.name == name

@@ -27,6 +27,7 @@ from handtrack.tracking.frame.reason import NEAR_M
 from handtrack.tracking.frame.settings import CloudTermSettings, TrackerSettings
 from handtrack.tracking.frame.terms.forearm import is_behind_hand
 
+CLOUD_TERMS = CloudDistanceTerm, CloudEmptinessTerm, CloudRaysTerm
 _MM = 1e-3
 _ROBUST_BANDS = 4.0  # points further off than this many bands hardly pull
 _SIGMA_BANDS = 0.5  # of depths, in bands: beyond three of them a doubted depth counts as wrong
