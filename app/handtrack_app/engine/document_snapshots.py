@@ -20,6 +20,7 @@ from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document, source_of
+from handtrack_app.engine.inverse_kinematics import stem_bones
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     CLOUD,
@@ -250,19 +251,6 @@ def model_words(model: ArticulatedModel) -> str:
     whose = "" if model.kind == "body" else f", {model.side} hand"
     known = hand_words(model).removeprefix("hand ")
     return f"{model.name}{whose}, size {model.scale.overall:.2f}{known and f': {known}'}"
-
-
-def stem_bones(model: ArticulatedModel) -> tuple[str, ...]:
-    """Return the bones of no finger, arm or leg: none between them and where the next limb branches off, if any, has a joint."""
-    names, parent = model.skeleton.bone_names, model.skeleton.parent.tolist()
-    hinged = set(model.skeleton.hinge_bone.tolist())
-
-    def is_of_limb(bone: int) -> bool:
-        if bone < 0 or parent.count(bone) > 1:
-            return False
-        return bone in hinged or is_of_limb(parent[bone])
-
-    return tuple(name for bone, name in enumerate(names) if not is_of_limb(bone))
 
 
 def part_cards(model: ArticulatedModel) -> tuple[PartCard, ...]:

@@ -1,4 +1,4 @@
-"""Poses that the page gives: set, taken from elsewhere, pinned, let go; and looks at what was before, which change nothing."""
+"""Poses that the page gives: set, taken from elsewhere, pulled at, let go; and looks at what was before, which change nothing."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.pulling import pulled
 from handtrack_app.engine.document import Document, pinning
+from handtrack_app.engine.inverse_kinematics import reach
 from handtrack_app.engine.job_control import drags, stops_following
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.tracked_rows import cost_parts
@@ -103,6 +104,28 @@ class PosingService(Service):
             taken = current
         edit = pose(document, frame, taken.tolist())
         self.opened.edit(frame, edit, _SOURCES.get(source, f"Pose {source!r}"))
+
+    @Command(
+        edits=True,
+        latest=("frame", "hold", "tag"),
+        at_once=drags,
+    )
+    def pull_place(
+        self,
+        frame: int,
+        target: tuple[float, float, float],
+        version: int,
+        hold: Hold,
+        tag: str = "",
+    ) -> None:
+        """Bend a finger or limb so that what is held comes to a target in world [m]. tag: of the drag."""
+        document, meant = self.document, np.asarray(target, dtype=float)
+        model = document.model
+        (bone,), (point,) = pinned_places(model, [Pin("", (0.0, 0.0), *hold)])
+        params = model.params_within_limits(document.pose_at(document.clamped(frame)))
+        reached = model.joint_params(reach(model, params, int(bone), point, meant))
+        edit = pose(document, frame, reached.tolist())
+        self.opened.edit(frame, edit, f"Pull of {hold.words}", tag, True)
 
     @Command(edits=True, at_once=stops_following)
     def forget_pose(self, frame: int, version: int) -> None:

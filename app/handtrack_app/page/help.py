@@ -22,7 +22,10 @@ _GESTURES = (
         "Drag the {kind}",
         "In a camera view: pins a joint or segment; the {middle} moves the whole {kind}",
     ),
-    ("Shift drag", "On the {kind}, in a camera view: turns it, as the right button does"),
+    (
+        "Shift drag",
+        "On the {kind}: in a camera view turns it, as the right button does; in the orbit view pulls a joint or segment",
+    ),
     ("Arrows, arcs", "On the handle: move and turn the {kind}"),
 )
 TOUR = (

@@ -1,8 +1,14 @@
-"""A session of a body in the workbench: its parts are drawn, its sliders stand by limb, its trunk moves the whole."""
+"""A session of a body in the workbench: its parts are drawn, its sliders stand by limb, wrists and ankles are pulled."""
+
+import math
 
 import numpy as np
+import pytest
 
+from handtrack import load_model
 from handtrack.simulation.simulate import Simulation, simulate
+from handtrack_app.engine.inverse_kinematics import reach, stem_bones
+from handtrack_app.protocol.palette import limb_of
 from tests.app.desk import shown
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -16,7 +22,6 @@ def test_its_parts_stand_on_their_bones_and_a_slider_moves_a_limb(tmp_path):
         hand, document = bench.stage.hand, bench.worker.document
         places = lambda: np.array([part.position for part in hand.parts])  # noqa: E731
         bones = document.model.bones(document.model.transform.solver_params(document.start))
-        assert bench.stage.session.stem_bones == ("pelvis", "spine")
         assert len(hand.parts) == len(document.model.superquadrics) == 19
         np.testing.assert_allclose(places(), bones.position[list(hand.part_bone)], atol=1e-6)
         assert all(part.visible for part in hand.parts) and not hand.ellipsoids.visible
@@ -24,3 +29,43 @@ def test_its_parts_stand_on_their_bones_and_a_slider_moves_a_limb(tmp_path):
         foot = hand.part_bone.index(document.model.skeleton.bone("left_foot"))
         away = lambda: np.linalg.norm(places()[foot] - bones.position[hand.part_bone[foot]])  # noqa: E731
         eventually(lambda: away() > 0.3)
+
+
+def pulled(model, params, name, target):
+    joint = model.joint_names.index(name)
+    return reach(model, params, model.joint_bone[joint], model.joint_point[joint], target)
+
+
+@pytest.mark.parametrize(
+    ("name", "tip"), [("body34", "left_wrist"), ("body34", "right_ankle"), ("body38", "left_pinky")]
+)
+def test_a_limbs_end_is_pulled_by_its_own_limb(name, tip):
+    body = load_model(name)
+    assert stem_bones(body) == ("pelvis", "spine")
+    params = body.rest_params()
+    joint = body.joint_names.index(tip)
+    target = body.joint_positions(body.bones(params))[joint] + [0.05, 0.12, 0.15]
+    moved = pulled(body, params, tip, target)
+    found = body.joint_positions(body.bones(moved))[joint]
+    assert np.linalg.norm(found - target) < 0.005
+    changed = {
+        name
+        for name, a, b in zip(body.parameter_names, params, moved, strict=True)
+        if abs(a - b) > 1e-9
+    }
+    limb = limb_of(body.skeleton.bone_names[body.joint_bone[joint]])
+    assert {limb_of(name) for name in changed} == {limb}
+    assert ("left_wrist_flex" in changed) == (name == "body38")
+
+
+@pytest.mark.parametrize("coupling", ["26", "18"])
+def test_a_finger_is_pulled_alone_whatever_is_coupled(coupling):
+    hand = load_model(coupling=coupling)
+    params = hand.rest_params()
+    joint = hand.joint_names.index("index_tip")
+    target = hand.joint_positions(hand.bones(params))[joint] + [0.0, -0.01, -0.01]
+    moved = hand.joint_params(pulled(hand, params, "index_tip", target))
+    still = hand.joint_params(params)
+    for name, a, b in zip(hand.parameter_names, still, moved, strict=True):
+        assert math.isclose(a, b, abs_tol=1e-12) or name.startswith("index"), name
+    assert np.abs(moved - still).max() > 0.02

@@ -1,4 +1,4 @@
-"""Correcting a pose: the palm dragged and turned, a joint pinned in a camera's picture, flipped,
+"""Correcting a pose: the palm dragged and turned, a joint pulled freely or pinned in a camera's picture, flipped,
 copied, tuned; what is told of it."""
 
 import numpy as np
@@ -44,6 +44,24 @@ def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, page):
     assert_allclose(_pose(bench).values[6:], before.values[6:], atol=1e-9)
     page.press("Undo")
     eventually(lambda: np.allclose(_pose(bench).values, moved.values, atol=1e-9), "a drag is a step")  # fmt: skip
+
+
+def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench, page):
+    before, session = _pose(bench), bench.stage.session
+    bench.layout.page.draw("handle", False)  # it stands before the hand, and takes the pointer
+    bench.stage.apply()
+    pip = before.joints[session.joint_names.index("index_pip")]
+    aim = pip + (0.0, -0.006, -0.012)
+    page.drag("/hand/flesh", pip, aim, "shift")
+
+    def reached():
+        there = _pose(bench).joints[session.joint_names.index("index_pip")]
+        return np.linalg.norm(there - aim) < 0.008
+
+    eventually(reached)
+    assert _pose(bench).origin == "set" and not _pose(bench).pins
+    others = [i for i, n in enumerate(session.parameter_names) if not n.startswith("index")]
+    assert_allclose(_pose(bench).values[others], before.values[others], atol=1e-9)
 
 
 def test_space_flips_and_all_of_the_page_says_so(bench, page):

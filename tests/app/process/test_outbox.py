@@ -49,7 +49,7 @@ def test_a_drag_is_kept_once_and_nothing_is_moved_past_a_step():
     pipe.pose(3, 10, "slider")
     assert [one.name for one in pipe.outbox.edits] == ["set_pose", "save_pose", "set_pose"]
     for joint in "ab":
-        pipe.put("set_pin", 3, "left", (0.0, 0.0), 11, Hold(joint), tag=joint)
+        pipe.put("pull_place", 3, (0.0, 0.0, 0.0), 11, Hold(joint), tag=joint)
     pulls = [one.arguments["hold"].joint for one in pipe.outbox.edits[-2:]]
     assert pulls == ["a", "b"], "another finger's is another edit"
 

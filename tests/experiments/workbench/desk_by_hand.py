@@ -19,7 +19,7 @@ from handtrack.arrays import D2, D3, Floats
 from handtrack.bench.measuring import data_folder
 from handtrack.geometry.camera import Camera
 from handtrack.session.session import Session
-from handtrack_app.page.pins.grips import hold_at
+from handtrack_app.page.pins.grips import hold_at, place_of
 from handtrack_app.protocol.snapshots import (
     GuessesSnapshot,
     Hold,
@@ -109,10 +109,10 @@ class Person:
         flat, place = self.flat[camera], self.joint(joint)
         before = self.joint(self.session.joint_names[self.session.joint_names.index(joint) - 1])
         grips = ((place + share * (before - place)) for share in _ALONG)
-        taken = ((self._held(card, grip, joint), grip) for grip in grips)
-        held, grip = next((one for one in taken if one[0]), (None, place))
+        held = next((h for grip in grips if (h := self._held(card, grip, joint))), None)
         if held is None:
             return None
+        grip = place_of(held, self.session, self.pose)
         aim = (
             _as_deep(flat, self.marks(camera, joint.split("_", maxsplit=1)[0])[joint], place)
             + grip

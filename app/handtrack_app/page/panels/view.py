@@ -98,8 +98,9 @@ class SessionPanel:
                 )
             with gui.add_folder("Show"):
                 page.toggle(
-                    "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it."
-                )
+                    "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it. Without it Shift and a drag pull any "
+                    "joint or segment in the free view.",
+                )  # fmt: skip
                 if session.has_truth:
                     page.toggle("Ground truth", "truth", "True joints, white.")
             self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))

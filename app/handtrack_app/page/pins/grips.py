@@ -1,10 +1,12 @@
-"""The hand taken hold of in a camera's picture: a joint or a segment is dragged to its place, and the palm takes the whole hand along."""
+"""The hand taken hold of. In a camera's picture a joint or a segment is dragged to its place, and the palm takes the whole hand
+along; in a free view without the handle, Shift and a drag pull a joint or a segment parallel to the screen.
+"""
 
 from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +17,12 @@ import viser
 
 from handtrack.arrays import D3, D6, Floats
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix, rotation_vector
+from handtrack.geometry.rotation import (
+    matrix_from_quaternion,
+    quaternion_wxyz,
+    rotation_matrix,
+    rotation_vector,
+)
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.scene.model_view import add_batch, ball, unturned
@@ -36,7 +43,12 @@ _GRIP = "/grips/flesh"
 _POINT_M = 1e-6
 """radius of a joint among the grips: nobody meets it, but the page reads where it is (`name_holds`)"""
 _UNSEEN = 0.004  # opacity: what is not drawn at all cannot be pointed at
-Event = viser.SceneNodeDragEvent[viser.BatchedMeshHandle]
+Node = viser.BatchedMeshHandle | viser.MeshHandle
+Event = (
+    viser.SceneNodeDragEvent[viser.BatchedMeshHandle] | viser.SceneNodeDragEvent[viser.MeshHandle]
+)
+
+
 Drag = Callable[[Floats[D3]], None]
 """does what it means that the pointer is over a point, world [m]"""
 
@@ -59,6 +71,12 @@ class Grips:
         """told of a bone that was clicked"""
         self._marks = PinMarks(page)
         self._lock = threading.RLock()  # a redraw comes by any thread of viser
+        self._drawn_as: tuple[Node, ...] = ()
+        """what is drawn of the hand"""
+        self._is_offered = False
+        """whether that can be dragged"""
+        self._aside = set[int]()
+        """clients for which it does not stand before the grips"""
 
     def fit(self, session: SessionSnapshot) -> None:
         """Take the model of a session."""
@@ -82,6 +100,9 @@ class Grips:
             here, pose = self._page.server.get_clients(), self._pose
             looking = {number for number in here if self._card_of(number) is not None}
             self._let_go([number for number in self._grips if number not in looking])
+            self._offer()
+            for number in looking ^ self._aside if self._is_offered else ():
+                self._stand_aside(number, aside=number in looking)
             if len(pose.centre) != len(self._session.radii):
                 return
             places = np.concatenate([pose.centre, pose.joints]).astype(np.float32)
@@ -92,6 +113,33 @@ class Grips:
                     self._grips[number] = self._add(here[number], self._session)
                 grip = self._grips[number]
                 grip.batched_positions, grip.batched_wxyzs = places, turns
+
+    def offer(self, nodes: Iterable[Node]) -> None:
+        """Let what is drawn of the hand be taken hold of with Shift: in a free view, too, where a drag alone turns the view.
+
+        Not while the handle is shown: whatever can be dragged takes the pointer from what it hides, the handle's arrows too.
+        """
+        self._drawn_as, self._is_offered = tuple(nodes), False
+
+    def _offer(self) -> None:
+        wanted = not self._page.state.display.handle
+        if wanted == self._is_offered:
+            return
+        self._is_offered, self._aside = wanted, set()
+        for node in self._drawn_as:
+            node.remove_drag_callback()
+            if wanted:
+                self._listen(node, "left", "shift")
+
+    def _stand_aside(self, number: int, aside: bool) -> None:
+        """Let what is drawn of the hand take no drags of one page: they would not pass through to its grips."""
+        (self._aside.add if aside else self._aside.discard)(number)
+        client = self._page.server.get_clients().get(number)
+        takes = () if aside else (internals.DragBinding("left", "shift"),)
+        if client is not None:
+            for node in self._drawn_as:
+                message = internals.messages.SetSceneNodeDragBindingsMessage(node.name, takes)
+                internals.send(client, message)
 
     def _let_go(self, numbers: list[int]) -> None:
         for number in numbers:
@@ -121,16 +169,14 @@ class Grips:
 
         return grip
 
-    def _listen(
-        self, grip: viser.BatchedMeshHandle, button: DragButton, modifier: KeyModifier | None = None
-    ) -> None:
+    def _listen(self, node: Node, button: DragButton, modifier: KeyModifier | None = None) -> None:
         turns = button == "right" or modifier == "shift"
 
         # in order, on viser's loop: a little arithmetic, and sent on
         async def dragged(event: Event) -> None:
             self._dragged(event, turns)
 
-        grip.on_drag(button, modifier=modifier)(dragged)
+        node.on_drag(button, modifier=modifier)(dragged)
 
     # ---- drags
 
@@ -152,21 +198,34 @@ class Grips:
         """Return what is taken hold of; None where nothing can be: nobody drags what is only looked at."""
         session, pose, number = self._session, self._pose, event.client.client_id
         start = np.asarray(event.start_position, dtype=float)
-        card = self._card_of(number)
-        if card is None or pose.origin == BEFORE or not np.isfinite(start).all():
+        if pose.origin == BEFORE or not np.isfinite(start).all():
             return None
         self._count += 1
-        tag, root = f"drag {number}.{self._count}", np.array(pose.values[:6])
-        index = None if turns else ellipsoid_at(session, pose, start)
-        hold = None if index is None else hold_at(session, pose, card, index, start)
-        if turns or (hold is not None and hold.bone in session.stem_bones):
-            return partial(self._move, tag, WholeDrag(card, root, pose.middle, start, turns))
-        return None if hold is None else partial(self._pin, tag, hold, card)
+        tag, card = f"drag {number}.{self._count}", self._card_of(number)
+        root = np.array(pose.values[:6])
+        if card is not None and turns:
+            return partial(self._move, tag, WholeDrag(card, root, pose.middle, start, True))
+        eye = card or view_card(event.client.camera)
+        index = ellipsoid_at(session, pose, start)
+        hold = None if index is None else hold_at(session, pose, eye, index, start)
+        if hold is None:
+            return None
+        if hold.bone in session.stem_bones:
+            # parallel to the image, or, seen freely, to the screen
+            return partial(self._move, tag, WholeDrag(eye, root, pose.middle, start, False))
+        if card is None:
+            return partial(self._pull, tag, hold, place_of(hold, session, pose) - start)
+        return partial(self._pin, tag, hold, card)
 
     def _move(self, tag: str, drag: WholeDrag, end: Floats[D3]) -> None:
         edit = drag.to(end)
         if edit is not None:
             self._page.edit_pose(edit, "Turn" if drag.turns else "Move", tag, is_stroke=True)
+
+    def _pull(self, tag: str, hold: Hold, off: Floats[D3], end: Floats[D3]) -> None:
+        """off: from where the pointer took hold to what it holds."""
+        state, place = self._page.state, tuple((off + end).tolist())
+        self._page.engine.pull_place(state.frame, place, state.begin_edit(), hold, tag)
 
     def _pin(self, tag: str, hold: Hold, card: Camera, end: Floats[D3]) -> None:
         pixel, state = ray_pixel(card, end - card.centre), self._page.state
@@ -186,6 +245,23 @@ BEHIND = 4.0
 """times as far as that from what is pointed at, a joint lies behind it, though it is seen beside it"""
 LEAST_AWAY_M = 0.05
 """nearer to a camera nothing is any larger in its image"""
+
+
+def place_of(hold: Hold, session: SessionSnapshot, pose: PoseSnapshot) -> Floats[D3]:
+    """Return where a pose has it, world [m]."""
+    if hold.joint:
+        return pose.joints[session.joint_names.index(hold.joint)]
+    bone = session.bone_names.index(hold.bone)
+    return pose.bone_position[bone] + pose.bone_rotation[bone] @ np.array(hold.point)
+
+
+def view_card(camera: viser.CameraHandle) -> Camera:
+    """Return a free view as a camera whose image is the window."""
+    width, height = max(camera.image_width, 1), max(camera.image_height, 1)
+    focal = 0.5 * height / np.tan(0.5 * float(camera.fov))
+    matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    turn = matrix_from_quaternion(camera.wxyz).T
+    return Camera("", (width, height), matrix, np.zeros(5), turn, -turn @ np.array(camera.position))
 
 
 def near_joint_m(session: SessionSnapshot) -> float:
