@@ -105,7 +105,7 @@ class FrameSystems:
     """steps since it was linearised, which its cost and gradient follow to second order"""
     _halves: Floats[F, M]
     """rows of the lower halves, one after the other: those of the poses come first"""
-    _frame_system: Floats[F, N]
+    _observed: Floats[F, N]
     """of the poses' part what is of what was seen"""
 
     @classmethod
@@ -127,7 +127,7 @@ class FrameSystems:
         self.costs[frame], self.gradient[frame] = whole.cost, whole.gradient
         self.share[frame], self.since[frame] = share, 0.0
         self._halves[frame] = whole.hessian[_half(self.gradient.shape[1])]
-        self._frame_system[frame] = seen[_half(self.size)]
+        self._observed[frame] = seen[_half(self.size)]
 
     def own(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
         """Yield the poses' part, some frames at once."""
@@ -137,7 +137,7 @@ class FrameSystems:
     def observed(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
         """Yield what each frame alone would say of its pose by what was seen, some frames at once."""
         for at in self._parts():
-            yield at, self._frame_system[at][:, _places(self.size)]
+            yield at, self._observed[at][:, _places(self.size)]
 
     @property
     def border(self) -> Floats[F, P, K]:
