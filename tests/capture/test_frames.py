@@ -61,7 +61,7 @@ def test_kinds_have_their_shapes(tmp_path):
     depth = ImageFiles(deep, DEPTH).read(1)
     assert depth.dtype == np.uint16
     assert (depth == 40000).all()
-    with pytest.raises(HandtrackError, match=r"depth must be one channel of 16 bits; found uint8"):
+    with pytest.raises(HandtrackError, match="uint8"):
         ImageFiles(paths, DEPTH).read(5)
 
 
@@ -213,9 +213,7 @@ def test_c15_an_image_larger_than_its_camera_is_not_unpacked(kind, tmp_path, mon
     noise = rng.integers(0, 255, (200, 300) if kind == ".pgm" else (200, 300, 3), np.uint8)
     files = ImageFiles(written(tmp_path, {f"0{kind}": noise}), expected_size=(299, 200))
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was unpacked"))
-    with pytest.raises(
-        HandtrackError, match="300 x 200, but the camera is calibrated for 299 x 200"
-    ):
+    with pytest.raises(HandtrackError, match="300 x 200.*299 x 200"):
         files.read(0)
 
 

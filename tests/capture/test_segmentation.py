@@ -61,8 +61,8 @@ def test_the_region_of_interest_comes_before_the_largest_piece(rng):
 
 
 def test_skin_adaptive_fits_its_sample(rng):
-    sample = frames(None, scene(rng, HAND))
-    method = SkinAdaptive(sample=(25, 20, 10, 10), size=4.0, reference=1)
+    sample = frames(None, scene(rng, (60, 40, 20, 20)))
+    method = SkinAdaptive(sample=(70, 50, 10, 10), size=4.0, reference=1)
     bright = (scene(rng, HAND) * 0.8).astype(np.uint8)  # chromaticity does not mind the brightness
     mask = segmenter(method, sample)(bright)
     assert np.mean(mask != box_mask(*HAND)) < 0.005

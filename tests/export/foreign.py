@@ -364,7 +364,9 @@ def nwb(kind, folder):
     pynwb, _ = library("pynwb"), library("ndx_pose")
     table, (path,) = written(kind, "nwb", folder)
     with pynwb.NWBHDF5IO(str(path), "r") as reader:
-        module = reader.read().processing["behavior"]
+        file = reader.read()
+        assert file.session_id.endswith(f"-{table.track.frame[-1]}")
+        module = file.processing["behavior"]
         estimate = module["PoseEstimation"]
         rows = [estimate.pose_estimation_series[name] for name in table.track.joint_names]
         points = np.stack([row.data[:] for row in rows], axis=1)

@@ -112,6 +112,7 @@ def test_noise_gives_closed_and_consistently_turned_surfaces():
 
 def test_meshes_of_ellipsoids_are_closed_turned_outwards_and_their_faces_go_through_them(rng):
     flesh = ellipsoids_of(rng, 3)
+    assert_allclose(flesh.thicker(0.01).radii, flesh.radii + 0.01)
     mesh = ellipsoid_mesh(flesh)
     assert closed(mesh.local, mesh.faces).volume > 0
     around = vertex_normals(mesh.local, mesh.faces)

@@ -40,7 +40,6 @@ def error_m(session, found, shape=False):
 
 def test_cameras_that_agree_give_a_bodys_first_pose(session, found):
     (best,) = found
-    assert best.note == "3 cameras agree on 17 of 17 joints"
     assert best.confidence == 1.0
     assert best.first_pose.xyz is None
     assert error_m(session, best) < 0.04, "of a body of the mean size, by a detector's joints"
@@ -68,13 +67,3 @@ def test_size_and_offsets_are_found_over_the_recording(sized):
     for joint, true in OFFSETS.items():
         missed = np.linalg.norm(np.subtract(scale.offsets_mm[joint], true))
         assert missed < 0.9 * np.linalg.norm(true), joint
-
-
-def test_offsets_of_left_and_right_are_mirror_images(sized):
-    offsets = sized.scale.offsets_mm
-    for name, (x, y, z) in offsets.items():
-        side, _, joint = name.partition("_")
-        if side == "left":
-            assert offsets[f"right_{joint}"] == pytest.approx((-x, y, z))
-        elif side != "right":
-            assert x == pytest.approx(0.0, abs=1e-9), "in the middle plane"

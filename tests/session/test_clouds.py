@@ -37,9 +37,8 @@ def test_files_are_filtered_and_a_missing_one_is_no_cloud(folder, rng):
     assert session.observation(2).cloud is None  # not seen
     assert len(session.measured_cloud(3)) == 3001
     assert np.abs(session.observation(3).cloud.points).max() < 0.06  # the stray one is gone
-    assert session.warnings == [
-        f"{folder / 'c' / '003.ply'}: 1 of 3002 points are not finite numbers and are left out."
-    ]
+    (warning,) = session.warnings
+    assert "003.ply" in warning and "1 of 3002" in warning
     assert [len(s.mask) for s in session.observation(0).silhouettes] == [48, 48]
 
 

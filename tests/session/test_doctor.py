@@ -41,7 +41,6 @@ def masks(folder, camera, mask, frames=range(4)):
 def test_a_sound_session_is_all_ok(folder):
     findings = examine(Session.open(folder))
     assert {finding.severity for finding in findings} == {"ok"}, findings
-    assert findings[0].text == "4 frames, 0.4 s at 10 fps."
 
 
 EMPTY, FULL = np.zeros((48, 64), np.uint8), np.full((48, 64), 255, np.uint8)
@@ -87,9 +86,9 @@ ODD = {
         "in 2 of 4 masks more than half of the image is hand, frames 1-2. Are they inverted?",
     ),
     "region of interest": (
-        edited("session.toml", 'name = "cam1"', 'name = "cam1"\nroi = [0, 0, 18, 48]'),
+        edited("session.toml", 'name = "cam1"', 'name = "cam1"\nroi = [0, 0, 1, 48]'),
         "warning",
-        "camera 'cam1': in 4 of 4 masks most of the hand lies outside of roi = [0, 0, 18, 48], frames 0-3",
+        "camera 'cam1': in 4 of 4 masks most of the hand lies outside of roi = [0, 0, 1, 48], frames 0-3",
     ),
     "touching": (
         lambda f: masks(f, "cam1", EDGE),

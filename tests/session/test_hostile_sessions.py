@@ -55,7 +55,7 @@ SETTINGS = [
     ('"masks/cam0/*.png"', '"masks/cam0/*.jpg"', '"masks/cam0/*.jpg"'),
     ('"cam0/*.png"', '"cam0"', '"cam0/*.png"'),
     ('"masks/cam0/*.png"', '"calibration.toml"', '"masks/*.png"'),
-    ('"cam0/*.png"', '"cam0.mp4"', 'cam0.mp4'),
+    ('"cam0/*.png"', '"cam0.mp4"', 'no such file'),
     ('"cam0/*.png"', '"calibration.toml"', "'cam0'"),
     ('"cam0/*.png"', '"../other/*.png"', '"../other/*.png"'),
     ('"cam0/*.png"', "'C:\\data\\*.png'", "'cam0'"),

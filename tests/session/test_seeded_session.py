@@ -84,5 +84,5 @@ def test_files_of_masks_may_say_that_nobody_knows(folder):
     assert (seen.mask == -1).sum() == 500
     (plain,) = opened(folder, '"masks/*.png"').observation(0).silhouettes
     assert plain.mask.min() == 0
-    with pytest.raises(HandtrackError, match="mask_unknown is about files of masks"):
+    with pytest.raises(HandtrackError, match="mask_unknown"):
         opened(folder, '{ method = "skin_ycrcb" }', "mask_unknown = 90\n")

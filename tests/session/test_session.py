@@ -19,9 +19,7 @@ def test_images_and_masks_are_as_they_were_taken(folder):
     assert set(np.unique(mask)) == {0, 255}
     assert session.image("cam1", 2) is None
     assert session.image("cam0", 99) is None
-    with pytest.raises(
-        HandtrackError, match=r"no camera 'top' in .*session.toml; known: cam0, cam1"
-    ):
+    with pytest.raises(HandtrackError, match="'top'.*session.toml.*cam0, cam1"):
         session.image("top", 0)
 
 
@@ -31,7 +29,7 @@ def test_frames_run_to_the_last_of_any_camera(folder):
     assert session.frame_count == 10
     assert session.observation(7).silhouettes == ()
     assert [s.camera.name for s in session.observation(9).silhouettes] == ["cam1"]
-    with pytest.raises(HandtrackError, match=r"no frame 10; the session has the frames 0 to 9"):
+    with pytest.raises(HandtrackError, match="10.* 0 to 9"):
         session.observation(10)
 
 

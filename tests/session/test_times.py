@@ -130,10 +130,8 @@ def test_a_first_pose_behind_the_end_of_a_cut_video_is_refused_once_it_is_counte
     cut(filmed / "cam0.avi")
     session = Session.open(filmed)
     count = session.frame_count
-    with pytest.raises(
-        HandtrackError, match=f"init.json: frame = 38, but .* frames 0 to {count - 1}"
-    ):
+    with pytest.raises(HandtrackError, match=f"38.* 0 to {count - 1}"):
         session.check_init()
     write_init(filmed, frame=FRAMES)
-    with pytest.raises(HandtrackError, match=r"init.json: frame = 40, but .* frames 0 to 39"):
+    with pytest.raises(HandtrackError, match="40.* 0 to 39"):
         Session.open(filmed)

@@ -13,7 +13,7 @@ from handtrack.simulation.render import render
 from handtrack.simulation.simulate import Simulation, simulate
 from tests.cameras import pinhole
 
-SMALL = {"frames": 3, "size": (160, 120), "cameras": 2}
+SMALL = {"frames": 3, "size": (160, 120), "cameras": 2, "fps": 1.0}
 
 
 @pytest.mark.parametrize(("side", "lens"), [("right", False), ("left", False), ("right", True)])

@@ -60,6 +60,8 @@ def test_a_window_of_an_image_is_as_the_whole(rng):
     part = smooth_image(pixels, 1.5, places).look_up(places)[0]
     whole = smooth_image(pixels, 1.5, np.array([[0.0, 0.0], [8.0, 11.0]])).look_up(places)[0]
     assert_allclose(part, whole, atol=1e-3)
+    plain = smooth_image(pixels, 0.0, places).look_up(places)[0]
+    assert_allclose(plain, pixels[[3, 10], [2, 7]], atol=1e-9)
 
 
 def test_hidden_points_do_not_count(rng):

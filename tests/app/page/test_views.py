@@ -14,7 +14,7 @@ from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up
 from handtrack_app.page.scene import looking
 from handtrack_app.page.scene import viewpoint as vp
-from handtrack_app.page.scene.looking import CLOSE, _pixel, plane_of
+from handtrack_app.page.scene.looking import CLOSE, plane_of
 from handtrack_app.page.scene.model_view import ball, capsule, rod
 from handtrack_app.page.scene.zoom import (
     MOST,
@@ -86,15 +86,6 @@ def test_rays_and_pixels_are_each_others_inverse(rng):
     for place in rng.uniform(0, 1, (20, 2)):
         assert_allclose(looks.place(looks.ray((place[0], place[1]))), place, atol=1e-9)
     assert looks.place(-looks.ray((0.5, 0.5))) is None
-
-
-def test_a_ray_from_anywhere_meets_the_image_at_its_pixel():
-    pixel, depth = np.array([20.0, 50.0]), 0.7
-    on_image = on_picture(pixel, depth)
-    for eye_at in (CARD.centre, CARD.centre + [0.05, 0.1, 0.02]):
-        through = eye_at + 0.4 * (on_image - eye_at)
-        assert_allclose(_pixel(CARD, depth, eye_at, through), pixel, atol=1e-9)
-    assert _pixel(CARD, depth, CARD.centre, 2 * CARD.centre - on_image) is None
 
 
 def test_an_enlargement_has_bounds():

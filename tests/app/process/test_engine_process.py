@@ -183,9 +183,7 @@ def test_c40_what_takes_too_much_memory_or_ends_every_engine_is_given_up_by_name
     if sys.platform == "linux":  # elsewhere memory is not limited
         engine.track(3, FRAMES, 3)
         notice = page.told("Tracking stopped")
-        assert notice.text.startswith(
-            "Tracking needs more memory than the 2.0 GB that handtrack may use here (Unable to allocate "
-        )
+        assert "2.0 GB" in notice.text
         said = len(page.seen)
         engine.show_frame(8)
         page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8, said)

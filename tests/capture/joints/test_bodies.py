@@ -27,6 +27,11 @@ from tests.capture.joints.people import (
     rig,
 )
 
+SQUARES = {
+    "body_25": 1860, "body_25b": 2924, "coco18": 819, "coco17": 1466, "halpe26": 3281, "coco133": 53365, "mediapipe33": 8389,
+    "body22": 3311,
+}  # fmt: skip
+
 
 @pytest.mark.parametrize("form", [*OPENPOSE, *LAYOUTS_OF])
 def test_the_layout_is_recognised_and_points_are_kept(form, tmp_path):
@@ -37,6 +42,7 @@ def test_the_layout_is_recognised_and_points_are_kept(form, tmp_path):
     points = {f: in_pixels(p, SIZE) if given.bodies.is_share else p for f, p in person.items()}
     write_joints(points, expected, tmp_path / "joints")
     rows = LAYOUTS[expected].points
+    assert np.square([*rows.values()]).sum() == SQUARES[expected], "rows as detectors have them"
     known = rows.keys() - {"chest", "head", "left_hand", "right_hand"}  # which no file has
     for frame, seen in enumerate(pixels()):
         read = read_openpose(tmp_path / f"joints/{frame:06d}.json", LAYOUTS[expected])
