@@ -220,8 +220,13 @@ def within_range(
     points: Floats[N, D3], centres: Floats[C, D3], near_m: float, far_m: float
 ) -> Array[N]:
     """Return which points lie in the range [m] of at least one camera at `centres`."""
-    squares = (((points - centre) ** 2).sum(axis=1) for centre in centres)
-    return np.any([(s >= near_m**2) & (s <= far_m**2) for s in squares], axis=0)
+    found = np.zeros(len(points), bool)
+    for centre in centres:
+        left = np.flatnonzero(~found)
+        away = points[left] - centre
+        square = np.einsum("ij,ij->i", away, away)
+        found[left] = (square >= near_m**2) & (square <= far_m**2)
+    return found
 
 
 def near_hand(points: Floats[N, D3], hand_distance: HandDistance, crop_m: float) -> Array[N]:

@@ -28,7 +28,8 @@ def hand_distance(
     low, high = (ellipsoids.centre - reach).min(axis=0), (ellipsoids.centre + reach).max(axis=0)
 
     def distance(points: Floats) -> Floats:
-        outside = np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0.0), axis=1)
+        beside = zip(points.T, low, high, strict=True)  # three times as quick as by rows
+        outside = np.sqrt(sum(np.maximum(np.maximum(a - x, x - b), 0.0) ** 2 for x, a, b in beside))
         near = outside <= _FAR_M
         outside[near] = surface.distance(bones, points[near])
         return outside
