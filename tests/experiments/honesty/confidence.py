@@ -49,17 +49,16 @@ _FAR = 25.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Scale:
-    overall: float
-
-
-@dataclass(frozen=True, eq=False)
 class Model:
     """What a judgement asks of a model."""
 
-    scale: _Scale
+    overall: float
     kind: str = "hand"
     joint_names: tuple[str, ...] = keypoint_names()
+
+    @property
+    def scale(self) -> Model:
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +86,7 @@ def tracked(session: Path) -> dict[str, Any]:
     asked: list[Any] = []
 
     def stated(model: Any, *given: Any) -> Floats:
-        asked[:] = [Model(_Scale(model.scale.overall)), *given]
+        asked[:] = [Model(model.scale.overall), *given]
         return usual(model, *given)
 
     def judged(terms: Any, *given: Any) -> confidence.FrameConfidence:
@@ -261,20 +260,18 @@ def shares(half: Half) -> dict[str, float]:
         "recall": float(low[wrong].mean()),
         "precision": float(wrong[low].mean()),
         "coverage90": float(inside[known].mean()),
-        "coverage90_high_confidence": float(inside[known & ~low].mean()),
         "coverage90_fists": float(inside[half.fist].mean()),
     }
 
 
 def table(half: Half) -> str:
     """Return in words how true it is what the figures say of a half."""
-    wrong, known = half.wrong, half.known
-    chance, parts = half.said()
-    lines = [f"{len(wrong)} frames, " + ", ".join(f"{name} {v:.3f}" for name, v in shares(half).items())]  # fmt: skip
-    edges = (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.01)
-    for name, said, true in (("frame", chance[known], wrong[known]), ("part", parts[known].ravel(), half.parts_wrong[known].ravel())):  # fmt: skip
-        rows = [(a, (said >= a) & (said < b)) for a, b in pairwise(edges)]
-        lines.append(f"  {name}: " + ", ".join(f"from {a}: {true[k].mean():.2f} of {k.sum()}" for a, k in rows if k.any()))  # fmt: skip
+    chance, wrong = half.said()[0][half.known], half.wrong[half.known]
+    lines = [f"{len(half.frames)} frames, " + ", ".join(f"{name} {v:.3f}" for name, v in shares(half).items())]  # fmt: skip
+    for a, b in pairwise((0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.01)):
+        row = (chance >= a) & (chance < b)
+        if row.any():
+            lines.append(f"  from {a}: {wrong[row].mean():.2f} of {row.sum()}")
     return "\n".join(lines)
 
 
