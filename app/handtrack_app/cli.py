@@ -170,7 +170,7 @@ _SESSION = _option("session", type=Path, help="session folder")
 _POSES = _option("poses", type=Path, metavar="POSES.npz")
 _LANDMARKS = _option(
     "--landmarks", metavar="DEFINITION",
-    help="points: joints (the model's joint centres), or a detector's definition such as mediapipe21 (default: joints; for `evaluate`, that of the truth)",
+    help="points: joints (the model's joint centres), surface21 (on the skin), or a detector's, such as mediapipe21 (default: joints; for `evaluate`, that of the truth)",
 )  # fmt: skip
 _CAMERAS = _option(
     "--camera", action="append", default=[], metavar="NAME", help="this camera only; repeat for several (default: all cameras with images)"

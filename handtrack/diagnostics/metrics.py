@@ -17,7 +17,7 @@ from handtrack.diagnostics.constant_offsets import (
 from handtrack.diagnostics.flexion import flexion_errors
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import turn_between
-from handtrack.model.articulated import JOINT_CENTRES, keypoint_names
+from handtrack.model.articulated import JOINT_CENTRES, definition_among, keypoint_names
 from handtrack.observation.truth import Truth
 from handtrack.tracking.frame.result import Status, TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
@@ -122,11 +122,10 @@ def in_truths_landmarks(track: TrackResult, truth: Truth, landmarks: str | None)
     """Return the track with the points that the truth has: in the definition asked for, else in that which the truth says
     (`keypoint_definition`) if the track has it, else as they are. Raises HandtrackError for one asked for that it has not.
     """
-    if landmarks is not None:
-        return track.in_landmarks(landmarks)
     theirs = truth.keypoint_definition
-    known = theirs in (JOINT_CENTRES, track.landmark_definition)
-    return track if theirs is None or not known else track.in_landmarks(theirs)
+    known = theirs == JOINT_CENTRES or definition_among(track.landmark_definitions, theirs)
+    wanted = landmarks or (theirs if known else None)
+    return track if wanted is None else track.in_landmarks(wanted)
 
 
 def similarity(points: Floats[N, D3], target: Floats[N, D3]) -> Floats[N, D3]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated
@@ -58,6 +58,10 @@ JOINT_CENTRES = "joints"
 """the definition of the model's own points: joint centres, and fingertips on the skin"""
 UNNAMED_LANDMARKS = "detector"
 """of offsets of which nobody says whose points they lead to"""
+SURFACE_MARKS = "surface21"
+"""points on the skin of the back of the hand above the joints, and fingertips"""
+MEAN = " (mean)"
+"""what follows a definition's name where the offsets are those of other people"""
 _FAR = 100.0  # [m] nothing is further from the world's origin
 _Offset = Annotated[float, Meta(gt=-100, lt=100)]  # half a hand: beyond, a file is not meant
 _CONTRADICTION = 1e-6  # [m, rad] values that were written with six digits agree
@@ -130,6 +134,16 @@ class Proportions:
 
 
 @array_dataclass
+class Landmarks:
+    """A definition of points for the named joints."""
+
+    point: Floats[J, D3]
+    """in their bones' frames [m]"""
+    sigma_m: Floats[J]
+    """by how much people's differ from them along each axis; 0 of a person's own"""
+
+
+@array_dataclass
 class ArticulatedModel:
     """What moves and how, for one person. Solver parameters (P,) are what is estimated.
 
@@ -161,6 +175,8 @@ class ArticulatedModel:
     """(B,) which part of a person's size each bone belongs to: `palm`, a finger, `thighs` …"""
     offset: Floats[J, D3] | None = None
     """where a detector sees each named joint, from it, in its bone's frame [m]; None: at the joint"""
+    mean_landmarks: Mapping[str, Landmarks] = field(default_factory=dict)
+    """by detectors' names, where they see the joints of other people"""
     superquadrics: Superquadrics | None = None
     """the parts of a body; hands have none"""
     definition: str = ""
@@ -265,11 +281,21 @@ class ArticulatedModel:
         return self.joint_point if self.offset is None else self.joint_point + self.offset
 
     @property
-    def landmark_definitions(self) -> dict[str, Floats[J, D3]]:
-        """The definitions in which it has points for the named joints, with these in their bones' frames [m]."""
-        return {JOINT_CENTRES: self.joint_point} | (
-            {self.scale.landmark_definition: self.observed_point} if self.scale.offsets_mm else {}
-        )
+    def landmark_definitions(self) -> dict[str, Landmarks]:
+        """The definitions in which it has points for the named joints: the person's own before those of the mean and of the skin."""
+        exact, own = np.zeros(len(self.joint_names)), self.scale.landmark_definition
+        known = {JOINT_CENTRES: Landmarks(self.joint_point, exact)}
+        if self.scale.offsets_mm:
+            known[own] = Landmarks(self.observed_point, exact)
+        known |= {
+            name + MEAN: mean for name, mean in self.mean_landmarks.items() if name not in known
+        }
+        if self.kind == "hand" and self.has_keypoints21:
+            is_tip = [name.endswith("_tip") for name in self.joint_names]
+            skin = self.ellipsoids["fine"].skin_above(self.joint_bone, self.joint_point)
+            marks = np.where(np.array(is_tip)[:, None], self.joint_point, skin)
+            known[SURFACE_MARKS] = Landmarks(marks, exact)
+        return known
 
     @property
     def has_keypoints21(self) -> bool:
@@ -317,6 +343,12 @@ class ArticulatedModel:
                 "others, load the model without the coupling, or ask for the nearest pose (nearest=True)."
             )
         return params
+
+
+def definition_among(known: Iterable[str], wanted: str | None) -> str | None:
+    """Return the known definition of the points that are wanted, be it a person's own or the mean; None where there is none."""
+    asked = (wanted or "").removesuffix(MEAN)
+    return next((name for name in known if name.removesuffix(MEAN) == asked), None)
 
 
 def keypoint_names() -> tuple[str, ...]:

@@ -68,6 +68,19 @@ class Ellipsoids:
         kept = np.flatnonzero(keep)
         return Ellipsoids(self.bone[kept], self.centre[kept], self.rotation[kept], self.radii[kept])
 
+    def skin_above(self, bone: Ints[J], points: Floats[J, D3]) -> Floats[J, D3]:
+        """Return where the ways from points to the back of the hand (+z of their bones' frames) leave the ellipsoids of the same bones;
+        a point that has none above it itself.
+        """
+        to_ball = np.swapaxes(self.rotation, 1, 2) / self.radii[:, :, None]
+        begin = np.einsum("eij,kej->kei", to_ball, points[:, None] - self.centre)
+        step = to_ball[:, :, 2]
+        square, along = (step**2).sum(axis=1), (begin * step).sum(axis=2)
+        root = along**2 - square * ((begin**2).sum(axis=2) - 1.0)
+        met = (root >= 0) & (self.bone == bone[:, None])
+        height = np.where(met, np.sqrt(np.maximum(root, 0.0)) - along, 0.0) / square
+        return points + np.maximum(height.max(axis=1), 0.0)[:, None] * [0.0, 0.0, 1.0]
+
     def hide(self, points: Floats[J, D3], eye: Floats[D3], near_m: float) -> Array[J]:
         """Return which points posed ellipsoids hide from an eye; what lies that near before a point is its own."""
         to_ball = np.swapaxes(self.rotation, 1, 2) / self.radii[:, :, None]

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from handtrack.arrays import D3, B, Floats, Ints
+from handtrack.arrays import D3, B, Floats, Ints, J
 from handtrack.errors import HandtrackError, check_name, unknown_name
 from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
@@ -28,6 +28,7 @@ from handtrack.model.articulated import (
     UNNAMED_LANDMARKS,
     ArticulatedModel,
     HandScale,
+    Landmarks,
     Proportions,
     ShapeCovariance,
 )
@@ -39,6 +40,7 @@ from handtrack.model.transform import build_transform
 
 Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Point = tuple[Number, Number, Number]
+Positive = Annotated[float, Meta(gt=0, le=1e6)]
 Name = Annotated[str, Meta(min_length=1)]
 
 
@@ -112,6 +114,8 @@ class Definition(TypedDict):
     length_mm: Annotated[float, Meta(gt=0, le=1e6)]
     bone: Annotated[list[Bone], Meta(min_length=1)]
     joints: dict[str, tuple[Name, Literal["head", "tail"] | Point]]
+    landmarks: NotRequired[dict[str, dict[str, tuple[Number, Number, Number, Positive]]]]
+    """by detectors' names and joints: where they see these on average, from them, in their bones' frames, and each axis' standard deviation [mm]"""
     ellipsoids: dict[str, list[EllipsoidRow]]
     couplings: NotRequired[dict[str, list[Coupling]]]
     narrowing: NotRequired[Narrowing]
@@ -471,13 +475,19 @@ def _build(
             for b, (_, (_, place)) in zip(joint_bone, joints, strict=True)
         ]
     )
-    seen = {name: _mirror(place, side) * _MM for name, place in size.offsets_mm.items()}
-    offset = np.stack(
-        [
-            seen.get(name, np.zeros(3)) * factors[b]
-            for b, (name, _) in zip(joint_bone, joints, strict=True)
-        ]
-    )
+    grown = factors[joint_bone]
+
+    def offsets(places_mm: Mapping[str, Sequence[float]]) -> Floats[J, D3]:
+        there = [places_mm.get(name, (0.0, 0.0, 0.0))[:3] for name, _ in joints]
+        return _mirror(there, side) * _MM * grown
+
+    means = {
+        name: Landmarks(
+            joint_point + offsets(seen),
+            np.array([seen[j][3] * _MM if j in seen else 0.0 for j, _ in joints]),
+        )
+        for name, seen in table.get("landmarks", {}).items()
+    }
     return ArticulatedModel(
         name=table["name"],
         side=side,
@@ -491,7 +501,8 @@ def _build(
         joint_names=tuple(name for name, _ in joints),
         joint_bone=joint_bone,
         joint_point=joint_point,
-        offset=offset if seen else None,
+        offset=offsets(size.offsets_mm) if size.offsets_mm else None,
+        mean_landmarks=means,
         kind=kind,
         stabilise=np.concatenate([np.full(6, np.inf), held]) if np.isfinite(held).any() else None,
         proportions=person,

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import Status, evaluate, load_model
 from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg, flexion_errors
@@ -65,6 +66,26 @@ def test_wrong_frames_are_so_beside_constant_offsets_and_counted_with_their_conf
     assert found["wrong_frames"] == 2
     assert found["low_confidence_frames"] == 2
     assert found["wrong_low_confidence_frames"] == 1
+
+
+def test_marks_lie_on_the_skin_and_mean_landmarks_are_as_uncertain_as_people_differ():
+    model, track = sample_sequence("left")
+    marks = track.in_landmarks("surface21")
+    posed = model.ellipsoids["fine"].posed(model.bones(track.parameters[0]))
+    for k, bone in enumerate(model.joint_bone):
+        own = posed.subset(posed.bone == bone)
+        point, joint = marks.joint_positions[0, k], track.joint_positions[0, k]
+        local = np.einsum("eji,ej->ei", own.rotation, point - own.centre) / own.radii
+        if not model.joint_names[k].endswith("_tip"):
+            assert (local**2).sum(axis=1).min() == pytest.approx(1.0)
+        assert (point - joint) @ track.T_world_bone[0, bone, :3, 2] >= 0
+    mean = track.in_landmarks("mediapipe21")
+    assert mean.keypoint_definition == track.landmark_definition == "mediapipe21 (mean)"
+    sigma = model.landmark_definitions[mean.keypoint_definition].sigma_m
+    more = mean.joint_covariance - track.joint_covariance
+    assert_allclose(more[0], sigma[:, None, None] ** 2 * np.eye(3), atol=1e-12)
+    truth = replace(of_points(track.frame, mean.keypoints21), keypoint_definition="mediapipe21")
+    assert evaluate(marks, truth)["mpjpe_mm"] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_constant_offsets_come_from_the_other_half_of_the_frames():

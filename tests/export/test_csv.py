@@ -12,7 +12,6 @@ from handtrack import HandtrackError
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.model_file import scale_table
 from handtrack.tracking.frame.tables.labelled import joint_confidence
 from tests.export.sequences import sample_sequence
 from tests.sample_track import sample_track
@@ -53,29 +52,21 @@ def test_frames_that_were_not_tracked_are_lost_ones_where_a_format_has_a_rate(tm
 
 
 def test_exports_say_whose_points_they_hold_and_hold_those_asked_for(tmp_path):
-    """A thumb's knuckle that its detector sees 8 mm further out is there in formats of points; a skeleton has none of them."""
-    model, track = sample_sequence("right")
-    offsets = {"thumb_mcp": (0.0, 8.0, 0.0)}
-    seen = replace(model.scale, offsets_mm=offsets, landmark_definition="mediapipe21")
-    table = ResultsTable(replace(track, scale=json.dumps(scale_table(seen))))
-    row, factor = keypoint_names().index("thumb_mcp"), model.scale.factor("thumb")
-    held = []
-    for landmarks in ("joints", "mediapipe21"):
+    """A skeleton has none of them."""
+    track = sample_sequence("right")[1]
+    for landmarks in ("joints", "surface21"):
         for name in ("keypoints", "csv"):
-            export_format(name).write(tmp_path / f"p.{name}", table, "", landmarks)
+            export_format(name).write(tmp_path / f"p.{name}", ResultsTable(track), "", landmarks)
         with np.load(tmp_path / "p.keypoints") as file:
             assert str(file["keypoint_definition"]) == landmarks
-            held.append(file["keypoints21"])
+            held = file["keypoints21"]
+        assert_allclose(held, track.in_landmarks(landmarks).keypoints21, atol=1e-9)
         assert json.loads((tmp_path / "p.json").read_text())["keypoint_definition"] == landmarks
         with (tmp_path / "p.csv").open(newline="") as file:
             cells = next(csv.DictReader(file))
         place = [float(cells[f"thumb_mcp_{axis}_m"]) for axis in "xyz"]
-        assert_allclose(place, held[-1][0, row], atol=1e-8)
-    moved = np.linalg.norm(held[1] - held[0], axis=2)
-    assert_allclose(
-        moved, np.tile(0.008 * factor * (np.arange(21) == row), (len(moved), 1)), atol=1e-9
-    )
-    for name, landmarks in (("csv", "openpose21"), ("bvh", "mediapipe21")):
+        assert_allclose(place, held[0, keypoint_names().index("thumb_mcp")], atol=1e-8)
+    for name, landmarks in (("csv", "openpose21"), ("bvh", "surface21")):
         with pytest.raises(HandtrackError, match=f"openpose21|{name}"):
-            export_format(name).write(tmp_path / "no", table, "", landmarks)
+            export_format(name).write(tmp_path / "no", ResultsTable(track), "", landmarks)
     assert not (tmp_path / "no").exists()

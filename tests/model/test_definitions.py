@@ -194,6 +194,9 @@ up = [0, 0, 1]
 
 [joints]
 ring_of_the_ring = ["ring_finger_ring", "tail"]
+
+[landmarks.markers]
+index_tip = [1, 2, 3, 0.5]
 """
 
 
@@ -213,6 +216,9 @@ def test_a_definition_extends_another(tmp_path):
     assert rest[1][longest, 1] == pytest.approx(0.190)
     others = [n for n in range(len(ours.joint_names)) if n != longest]
     assert (rest[1][others] == rest[0][others]).all()
+    markers = mine.landmark_definitions["markers (mean)"]
+    assert_allclose((markers.point - mine.joint_point)[longest], [0.001, 0.002, 0.003])
+    assert markers.sigma_m.tolist().index(0.0005) == longest
 
 
 @pytest.mark.parametrize("coupling", ["26", "21", "18"])

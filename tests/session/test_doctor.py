@@ -320,7 +320,7 @@ def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path):
 @pytest.mark.parametrize("cameras", [2, 3, 4])
 def test_a_sound_calibration_is_left_alone(tmp_path, cameras):
     (found,) = recorded(cameras).found(tmp_path)
-    assert found.severity == "ok" and "meet in space to" in found.text
+    assert found.severity == "ok"
 
 
 def tracked(folder, use):

@@ -13,7 +13,6 @@ from handtrack.simulation.motion_files.joint_tables import (
     matched_joints,
 )
 from handtrack.simulation.motion_files.read_motion import (
-    axis_words,
     in_metres,
     turned_upright,
     upright_axis,
@@ -230,26 +229,21 @@ def test_names_in_use_are_known(table):
     assert {ours: name.removeprefix(prefix) for ours, name in found.items()} == rows
 
 
-@pytest.mark.parametrize("unit", ["metres", "centimetres", "millimetres", "inches"])
-def test_the_unit_is_told_by_a_person_s_size(unit):
-    unit_m = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}[unit]
+@pytest.mark.parametrize("unit_m", [1.0, 0.01, 0.001, 0.0254])
+def test_the_unit_is_told_by_a_person_s_size(unit_m):
     same = {name: name for name in names()}
     for scale in (0.8, 1.0, 1.2):  # statures of 1.4 to 2.1 m
         raw = MotionClip(names(), scale * places() / unit_m, 25.0)
-        clip, found, (said,) = in_metres(raw, same, "body", None, "it")
+        clip, found, _ = in_metres(raw, same, "body", None, "it")
         assert found == unit_m
-        assert said.startswith(f"unit: {unit};")
         assert_allclose(clip.positions, scale * places())
 
 
-@pytest.mark.parametrize(
-    ("axis", "sign", "words"), [(1, 1, "+y"), (2, 1, "+z"), (2, -1, "−z"), (0, 1, "+x")]
-)
-def test_up_is_where_the_shoulders_are(axis, sign, words):
+@pytest.mark.parametrize(("axis", "sign"), [(1, 1), (2, 1), (2, -1), (0, 1)])
+def test_up_is_where_the_shoulders_are(axis, sign):
     turned = np.roll(places(), axis - 1, axis=2) * sign
     found = upright_axis(MotionClip(names(), turned, 25.0))
     assert found is not None
-    assert axis_words(found) == words
     back = turned_upright(turned, found)
     rise = back[:, names().index("left_shoulder"), 1] - back[:, names().index("left_hip"), 1]
     assert (rise > 0.2).all()

@@ -121,13 +121,11 @@ def compare_with_truth(poses: Path, truth: Path, landmarks: str | None, json: bo
             f"note: result and truth are {median / 1000:.3g} m apart (median). Is {truth} in metres, and in the world of "
             "the calibration?"
         )
-    own, theirs = track.landmark_definition, reference.keypoint_definition
+    theirs, others = reference.keypoint_definition, " or ".join(track.landmark_definitions)
     if theirs not in (None, definition):
         print_status(f"note: the points of {truth} are {theirs}; compared are {definition}.")
-    elif own is not None and theirs is None and landmarks is None:
-        print_status(
-            f"note: compared are {definition}; --landmarks {own} compares the points as that detector means them."
-        )
+    elif others and theirs is None and landmarks is None:
+        print_status(f"note: compared are {definition}; --landmarks compares others: {others}.")
     if json:
         report = metrics | {"keypoint_definition": definition}
         print(dumps(report, indent=1, allow_nan=False))

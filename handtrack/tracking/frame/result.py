@@ -30,7 +30,14 @@ from handtrack.arrays import (
     indices,
 )
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.model.articulated import FINGERS, JOINT_CENTRES, ArticulatedModel, keypoint_names
+from handtrack.model.articulated import (
+    FINGERS,
+    JOINT_CENTRES,
+    ArticulatedModel,
+    Landmarks,
+    definition_among,
+    keypoint_names,
+)
 from handtrack.tracking.frame.motion_belief import Hypothesis
 from handtrack.tracking.frame.reason import Reason, Status
 from handtrack.tracking.frame.result_fields import (
@@ -432,32 +439,41 @@ class TrackResult(TrackLabels):
         return _library("xarray").Dataset(arrays, words, attributes)
 
     @cached_property
-    def landmark_definition(self) -> str | None:
-        """Whose points `landmarks` are, such as `mediapipe21`; None where nobody knows where a detector sees this person's joints."""
+    def landmark_definitions(self) -> Mapping[str, Landmarks]:
+        """The points that it has besides the model's joints, in their bones' frames, by whose they are: first those fitted to
+        the person, such as `mediapipe21`, then those of the mean person, `mediapipe21 (mean)`, and on the skin, `surface21`.
+        """
         try:
             known = model_of(self).landmark_definitions
         except HandtrackError:  # of a program that does not say how its model is built
-            return None
-        return next((name for name in known if name != JOINT_CENTRES), None)
+            return {}
+        return {name: points for name, points in known.items() if name != JOINT_CENTRES}
+
+    @property
+    def landmark_definition(self) -> str | None:
+        """Whose points `landmarks` are: the first of `landmark_definitions`; None where it has none."""
+        return next(iter(self.landmark_definitions), None)
 
     @cached_property
     def landmarks(self) -> Floats[F, D21, D3] | None:
-        """The keypoints as a detector or a marker set means them, world [m]: joint centres plus what was fitted beside them; hands only."""
+        """The keypoints as a detector or a marker set means them, world [m]: joint centres plus constant offsets; hands only."""
         name = self.landmark_definition
         return None if name is None else self.in_landmarks(name).keypoints21
 
     @property
     def landmark_covariance(self) -> Floats[F, D21, D3, D3] | None:
-        """[m²] of the landmarks: of their joints, on whose bones they are. With the pose alone unknown theirs is the same to a tenth
-        (standard deviations, marked real hand); of the offset itself nothing is said.
+        """[m²] of the landmarks: of their joints, on whose bones they are, and of people's offsets about the mean ones. With the pose
+        alone unknown a fitted one's is the same to a tenth (standard deviations, marked real hand); of its offset nothing is said.
         """
-        if self.landmarks is None:
+        name = self.landmark_definition
+        if name is None or self.keypoints21 is None:
             return None
-        return self.joint_covariance[:, indices(self.joint_names, keypoint_names())]
+        rows = indices(self.joint_names, keypoint_names())
+        return self.in_landmarks(name).joint_covariance[:, rows]
 
     def in_landmarks(self, definition: str, source: str = "this result") -> TrackResult:
         """Return the same with the points of another definition as joints and keypoints: `joints`,
-        or `landmark_definition`.
+        or one of `landmark_definitions`, of which it takes the mean one for a detector's without fitted offsets.
 
         Parameters
         ----------
@@ -473,20 +489,24 @@ class TrackResult(TrackLabels):
             return self
         model = model_of(self, source)
         known = model.landmark_definitions
-        if definition not in known:
+        name = definition_among(known, definition)
+        if name is None:
             raise HandtrackError(
                 f"{source}: no landmarks '{definition}'; it has {' and '.join(known)}. Those of a detector are found where two "
                 "cameras or more see its joints from different sides, or come with a person's saved hand."
             )
         T = self.T_world_bone[:, model.joint_bone]
-        places = np.einsum("fjab,jb->fja", T[..., :3, :3], known[definition]) + T[..., :3, 3]
+        places = np.einsum("fjab,jb->fja", T[..., :3, :3], known[name].point) + T[..., :3, 3]
+        before = known[definition_among(known, self.keypoint_definition) or JOINT_CENTRES]
+        more = known[name].sigma_m ** 2 - before.sigma_m**2
         rows = [self.joint_names.index(n) for n in keypoint_names() if n in self.joint_names]
         keypoints = None if self.keypoints21 is None else places[:, rows]
         return replace(
             self,
             joint_positions=places,
+            joint_covariance=self.joint_covariance + more[:, None, None] * np.eye(3),
             keypoints21=keypoints,
-            keypoint_definition=None if definition == JOINT_CENTRES else definition,
+            keypoint_definition=None if name == JOINT_CENTRES else name,
         )
 
     @property

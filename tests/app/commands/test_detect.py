@@ -59,8 +59,7 @@ def scene(folder, monkeypatch):
 
 
 def test_joints_are_written_and_the_session_reads_them(handtrack, folder, scene):
-    ended = handtrack.does("detect", folder, "--write")
-    assert f"cam0: found in {FRAMES - 1} of {FRAMES} images (75.0 %)." in ended.out
+    handtrack.does("detect", folder, "--write")
     session = Session.open(folder)
     for view in session.views:
         assert view.settings.keypoint_layout == "mediapipe21"
@@ -68,8 +67,6 @@ def test_joints_are_written_and_the_session_reads_them(handtrack, folder, scene)
         true = view.camera.project(0.5 * keypoints() + [0.001, 0, 0])
         assert joints.pixels[joints.names.index("index_tip")] == pytest.approx(true[8], abs=1e-3)
         assert view.keypoints(FRAMES - 1, 5.0) == ()
-    again = handtrack.does("detect", folder, "--write")
-    assert "session.toml" not in again.out  # it says so already
 
 
 def test_masks_by_the_joints_are_told_of_and_written_where_that_is_said(

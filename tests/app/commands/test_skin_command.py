@@ -53,11 +53,10 @@ def test_masks_of_several_images_give_one_ellipse(handtrack, folder, tmp_path):
     handtrack.does("skin", folder, *pairs[:3])
     one = ellipse(folder)
     assert holds(one, SKIN) and not holds(one, OTHER_LIGHT)
-    ended = handtrack.does("skin", folder, *pairs, "--size", 3)
+    handtrack.does("skin", folder, *pairs, "--size", 3)
     both = ellipse(folder)
     assert holds(both, SKIN) and holds(both, OTHER_LIGHT) and both.size == 3.0
     assert not holds(both, (120, 120, 120))
-    assert "pixels of 2 images" in ended.out
     assert "# a comment that stays" in (folder / "session.toml").read_text()
 
 
@@ -66,9 +65,8 @@ def test_what_was_painted_is_enough(handtrack, folder):
     for camera, frame, box in SEGMENTED:
         corrections = Session.open(folder).view(camera).corrections
         corrections.write(frame, encoded(filled(box, AS_IT_IS)), None)
-    assert "pixels of 2 images" in handtrack.does("skin", folder).out
+    handtrack.does("skin", folder)
     assert holds(ellipse(folder), OTHER_LIGHT)
     document = opening.document(opening.opened(folder))
-    settings, words = skin_in_force(document, 0, "cam0", None, 2.5)
+    settings, _ = skin_in_force(document, 0, "cam0", None, 2.5)
     assert settings.filters.skin == ellipse(folder)
-    assert "of 2 painted images" in words
