@@ -13,19 +13,17 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.confidence import FrameConfidence
-from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.whole.alternatives import with_alternatives
-from handtrack.tracking.whole.likelihood import Recording, RecordingLikelihood
-from handtrack.tracking.whole.mode_search import Minimum, ModeSearch, Trellis
+from handtrack.tracking.whole.likelihood import Recording
+from handtrack.tracking.whole.mode_search import Minimum, Trellis
 from handtrack.tracking.whole.recording_estimate import refine
 from tests.tracking.scenes import bent, off_mm, posed
 
 HAND = load_model()
 CAMERAS = simulated_rig(2, (320, 240)).cameras
 FRAMES, WRONG = 7, 3
-NOTHING = Observation(0, 0.0)
 CHANGE = np.diag(np.full(7, 0.1**2))
 
 
@@ -105,20 +103,12 @@ def test_a_hand_thrown_away_while_one_camera_sees_it_comes_back(turning):
     assert max(map(_off_mm, found, poses)) < 4.0  # measured 1.3; 11 with one minimum a frame
 
 
-@pytest.mark.parametrize(("seconds", "new", "share"), [(0.04, 1.0, 0.08), (1.0, 1.0, 1.0), (0.04, 0.05, 1.0)])  # fmt: skip
-def test_frames_that_show_one_pose_count_as_one_unless_that_is_known_already(seconds, new, share):
-    likelihood = RecordingLikelihood(
-        HAND, TrackerSettings(), lambda *_: NOTHING, {}, seconds, new=new
-    )
-    assert ModeSearch(likelihood, [], np.zeros((1, 26)), Control()).share == pytest.approx(share)
-
-
 def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere():
     pose, sure = HAND.rest_params(), 1e4 * np.eye(26)
     near, far = pose + 0.002 * (np.arange(26) == 0), bent(HAND, pose, "index", 90.0)
     rows = [[_at(pose, 5.0, sure)] + [_at(x, 5.5, sure) for x in others] for others in ((), (near,), (far,))]  # fmt: skip
     known = np.tile(1e-6 * np.eye(3), (len(HAND.joint_names), 1, 1))
-    stated = FrameConfidence(Status.TRACKED, None, known)
+    stated = FrameConfidence(Status.TRACKED, None, known, p_off_10mm=np.zeros(6))
     results = [posed_result(HAND, Observation(n, 0.0), pose, stated) for n in range(3)]
     alone, two, apart = with_alternatives(HAND, results, Trellis(rows, 100.0 * np.eye(26), 1.0))
     assert [len(r.alternatives) for r in (alone, two, apart)] == [0, 2, 2]
@@ -128,6 +118,7 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     assert other.weight == pytest.approx(np.exp(-0.5) / (1 + np.exp(-0.5)), abs=0.01)
     assert apart.status == Status.DOUBTFUL
     assert "37 %" in apart.note and "index tip" in apart.note
+    assert_allclose(apart.p_off_10mm, other.weight * (np.arange(6) == 2))
     tip, wrist = HAND.joint_names.index("index_tip"), HAND.joint_names.index("wrist")
     off = HAND.joint_positions(HAND.bones(far))[tip] - apart.joint_positions[tip]
     added = other.weight * np.outer(off, off)

@@ -12,10 +12,10 @@ from handtrack.arrays import Array, Floats, Ints, K, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.suppression import apart
 from handtrack.tracking.frame import confidence
-from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M
+from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, part_of
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import Alternative, FrameResult, Status
+from handtrack.tracking.frame.result import PARTS, Alternative, FrameResult, Status
 from handtrack.tracking.whole.mode_search import APART_M, Trellis
 from handtrack.tracking.whole.trajectory_hypotheses import TrajectoryHypothesis
 
@@ -115,17 +115,28 @@ def _doubted(
     weight = np.array([one.weight for one in others])[:, None] * (far_m > APART_M)
     share = weight / (own + weight.sum(axis=0))
     covariance = result.joint_covariance + np.einsum("kj,kja,kjb->jab", share, off, off)
+
+    def elsewhere(joints: Array, beyond_m: float) -> float:
+        """Return how probably one of some joints is further off than that."""
+        far, of_joint = far_m[:, joints], share[:, joints]
+        farthest = of_joint[np.arange(len(others)), far.argmax(axis=1)]
+        return min(float(farthest[far.max(axis=1) > beyond_m].sum()), 1.0)
+
     is_body = model.kind == "body"
-    elsewhere = share[np.arange(len(others)), far_m.argmax(axis=1)]
-    elsewhere = float(elsewhere[far_m.max(axis=1) > (BODY_OFF_M if is_body else FRAME_OFF_M)].sum())
+    off_frame = elsewhere(np.ones(far_m.shape[1], bool), BODY_OFF_M if is_body else FRAME_OFF_M)
     before = 0.0 if is_body or np.isnan(result.p_off_25mm) else result.p_off_25mm
-    off_25 = 1.0 - (1.0 - result.p_off_25mm) * (1.0 - elsewhere)
-    result = replace(result, joint_covariance=covariance, p_off_25mm=off_25)
-    if result.status != Status.TRACKED or not elsewhere:
+    off_25 = 1.0 - (1.0 - result.p_off_25mm) * (1.0 - off_frame)
+    off_10 = result.p_off_10mm
+    if off_10 is not None:
+        part = np.array([part_of(name) for name in model.joint_names])
+        off_part = np.array([elsewhere(part == one, APART_M) for one in PARTS])
+        off_10 = 1.0 - (1.0 - off_10) * (1.0 - off_part)
+    result = replace(result, joint_covariance=covariance, p_off_25mm=off_25, p_off_10mm=off_10)
+    if result.status != Status.TRACKED or not off_frame:
         return result
-    if 1.0 - (1.0 - before) * (1.0 - elsewhere) <= 1.0 / confidence.MISSED:
+    if 1.0 - (1.0 - before) * (1.0 - off_frame) <= 1.0 / confidence.MISSED:
         return result
     hypothesis, joint = np.unravel_index(int((weight * far_m).argmax()), far_m.shape)
     name = model.joint_names[joint].replace("_", " ")
-    why = Reason("other way", name, number=elsewhere, other=1e3 * float(far_m[hypothesis, joint]))
+    why = Reason("other way", name, number=off_frame, other=1e3 * float(far_m[hypothesis, joint]))
     return replace(result, status=Status.DOUBTFUL, reason=why)
