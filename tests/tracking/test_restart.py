@@ -1,4 +1,4 @@
-"""Recovery: a lost hand is found again, and nothing else ever changes; and the rounds that each search makes."""
+"""Recovery: a lost hand is found again, and nothing else ever changes."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -24,7 +24,6 @@ from handtrack.tracking.search.engine import (
     Round,
     Search,
     improved,
-    run_rounds,
 )
 from handtrack.tracking.search.global_search import GlobalObjective
 from handtrack.tracking.search.policy import why_hand_may_be_lost
@@ -92,6 +91,20 @@ def test_masks_that_outline_nothing_are_not_searched_and_the_frame_says_so(known
     assert [len(source.whole) for source in some.sources] == [2]
 
 
+@pytest.mark.parametrize("box", [(), np.s_[20:100, 200:280]])
+def test_neither_a_ball_nor_what_fits_no_hand_is_taken_for_the_hand(known, box):
+    """A ball, and the same box in all images; the hand itself is nowhere."""
+    ball = load_model("ball6")
+    place = ball.rest_params() + np.r_[STOOD[:3] + (0.2, 0.05, 0.1), 0.0, 0.0, 0.0]
+    seen = mask_views(ball, place, RIG.cameras, 1)
+    for one in seen.silhouettes if box else ():
+        one.mask[:] = 0.0
+        one.mask[box] = 1.0
+    result, searched = searched_for(known, seen)
+    assert lost_hand.LOST_HAND.situation in searched
+    assert result.status == Status.LOST
+
+
 def test_a_hand_whose_joints_two_cameras_see_there_is_not_lost_nor_looked_for(known, monkeypatch):
     monkeypatch.setattr(engine, "run_rounds", lambda *_, **__: [])  # what a search finds takes long
     good = mask_views(MODEL, STOOD, RIG.cameras, 1)
@@ -133,14 +146,8 @@ def grid(line, found, most):
     return [candidate(x) for x in (0.0, 1.0, 2.5, 2.6)]
 
 
-def half(line, candidates, iterations):
-    for _ in range(iterations):
-        candidates = [candidate(0.5 * (c.params[0] + 3.0)) for c in candidates]
-    return candidates
-
-
 def line(told=Told()):
-    """Return an objective in one number: the cost is its distance from 3, a fit halves the way there."""
+    """Return an objective in one number: the cost is its distance from 3."""
     return SimpleNamespace(
         control=Control(observer=told),
         distinct=lambda found, most: sorted(found, key=lambda c: c.cost)[:most],
@@ -149,15 +156,6 @@ def line(told=Told()):
 
 def places(found):
     return [c.params[0] for c in found]
-
-
-def test_a_round_proposes_thins_and_fits():
-    search = Search("", "", (Round(((grid, 0),), enter=2, fits=((half, 1),)),), "")
-    assert places(run_rounds(search, line(), ())) == [2.8, 2.75]
-    alone = Search("", "", (Round(((grid, 0),), keep=0, fits=((half, 1),)),), "")
-    assert places(run_rounds(alone, line(), [candidate(5.0)])) == [1.5, 2.0, 2.75, 2.8]
-    adds = Search("", "", (Round(((grid, 0),), adds=True, enter=1, fits=((half, 2),)),), "")
-    assert places(run_rounds(adds, line(), [candidate(5.0)])) == [5.0, 2.9]
 
 
 def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
