@@ -60,6 +60,7 @@ from handtrack.tracking.size.person import FEWEST_BY_JOINTS, Subject, is_observe
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
+from handtrack.tracking.whole.refinement import CameraError
 
 _WRIST = ("wrist_flex", "wrist_abd")  # freedoms that only a forearm shows
 _ARM_FRAMES = 8  # frames, evenly spread
@@ -82,6 +83,8 @@ class TrackingRun:
     """what a person's file says beforehand of a hand that is fitted"""
     is_sized: bool = False
     """whether `fit_size` found the person"""
+    cameras: tuple[CameraError, ...] = ()
+    """what an estimate of all frames found, for frames beside poses that were set since"""
 
     @classmethod
     def open(
@@ -331,6 +334,7 @@ class TrackingRun:
             self.settings,
             start_confidence=1.0 if sure is None else sure,
             subject=person_to_fit(self),
+            cameras=self.cameras,
         )
 
     def initial(self) -> tuple[int, Floats[P]]:

@@ -72,10 +72,9 @@ class CurrentTrack(Mapping[int, FrameResult]):
 
     @property
     def refinement(self) -> str | None:
-        """What the frames of the uppermost take share that shows anywhere."""
-        showing = (take for _, take in reversed(self.layers) if self.count_of(take))
-        top = next(showing, None)
-        return None if top is None else top.refinement
+        """What the frames of the uppermost take share that shows anywhere and tells it: frames beside a correction tell nothing new."""
+        telling = (take for _, take in reversed(self.layers) if take.refinement is not None)
+        return next((take.refinement for take in telling if self.count_of(take)), None)
 
     def count_of(self, take: TakeFrames) -> int:
         """Return how many frames a take shows."""

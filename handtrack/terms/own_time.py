@@ -80,8 +80,7 @@ class AtOwnTime(ObservationTerm):
         own, by = Sums.zero(count, width), self.motion_there.by_here(bones.reference, width)
         cost = self.term.add_to(there, own)
         sums.gradient[:] += np.einsum("bij,bi->bj", by, own.gradient.reshape(count, width)).ravel()
-        blocks = own.hessian.reshape(count, width, count, width)
-        rows = np.einsum("aik,aibj->akbj", by, blocks)
-        moved = np.einsum("akbj,bjl->akbl", rows, by)
-        sums.hessian[:] += moved.reshape(sums.hessian.shape)
+        rows = np.swapaxes(by, 1, 2) @ own.hessian.reshape(count, width, count * width)
+        moved = np.swapaxes(rows.reshape(count * width, count, width), 0, 1) @ by
+        sums.hessian[:] += np.swapaxes(moved, 0, 1).reshape(sums.hessian.shape)
         return cost

@@ -116,7 +116,14 @@ def refine_recording(
 
     observe = observe_with_terms if tracker.terms or tracker.priors else seen
     recording = Recording(
-        model, settings, observe, control, held or {}, pinned or {}, tracker.subject
+        model,
+        settings,
+        observe,
+        control,
+        held or {},
+        pinned or {},
+        tracker.subject,
+        tracker.cameras,
     )
     again = (
         refine(recording, tracked) if changed is None else refine_near(recording, tracked, changed)

@@ -27,6 +27,7 @@ from handtrack.tracking.search.lost_hand import with_hand_recovered
 from handtrack.tracking.search.policy import searches_everywhere
 from handtrack.tracking.size.person import Subject
 from handtrack.tracking.state import TrackerState
+from handtrack.tracking.whole.refinement import CameraError
 
 CONFIRMED_BY = 5
 """frames in a row, tracked by their own evidence, by which an unsure first pose is confirmed; chosen by hand"""
@@ -46,6 +47,8 @@ class Tracker:
     """0 to 1, how sure the pose is that a first frame begins with: no frame is called surer before some have confirmed it"""
     subject: Subject | None = None
     """what is found of the person when a recording is refined"""
+    cameras: tuple[CameraError, ...] = ()
+    """what refining a recording found of its cameras, by which frames beside new poses follow"""
 
     def step(
         self, state: TrackerState, observation: Observation, control: Control = Control()

@@ -32,6 +32,7 @@ from handtrack.store.spans import Span
 from handtrack.tracking.frame.confidence import OutlineFit, hand_words
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameHead, FrameResult, Status
+from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine import jobs
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
@@ -351,9 +352,10 @@ class JobControl:
             raise HandtrackError("There is nothing to refine: track some frames first.")
         before = self._refined_with
         changed = None if before is None else before.changed(RefinedWith.of(document))
-        work = partial(
-            jobs.refine, run=document.run, request=request, tracked=tracked, changed=changed
-        )
+        run, found = document.run, document.results.refinement
+        if changed is not None and found is not None:
+            run = replace(run, cameras=Refinement.read(found).cameras)
+        work = partial(jobs.refine, run=run, request=request, tracked=tracked, changed=changed)
         self.begin("refining", work, request)
 
     @Command(job=True)
@@ -514,6 +516,7 @@ class JobControl:
     def _refined(self, job: BackgroundJob, done: FramesRefined) -> None:
         """Lay refined frames over those that were tracked, as a take of their own."""
         document = self._document
+        is_same = self._given.run is document.run
         if not self._moves:
             frames, first = document.frames, document.first_frame
             self._store.end_take(finished=True)
@@ -522,6 +525,8 @@ class JobControl:
         for result in done.results:
             self._moves[result.frame] = moved_mm(result, document.results.get(result.frame))
             self._add(result)
+        if is_same:  # but for the size that was found
+            self._given = replace(self._given, run=document.run)
         self._refined_with = replace(self._given, spans=document.state.spans)
         self._publish(timeline_change(document))
 

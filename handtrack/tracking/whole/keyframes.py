@@ -68,7 +68,7 @@ def with_keyframes(
         if stood is None:
             stood = _between([{**around, **held}[n] for n in beside])
         likelihood = RecordingLikelihood(
-            model, settings, observe, {**around, frame: stood}, seconds
+            model, settings, observe, {**around, frame: stood}, seconds, known=recording.cameras
         )
         for way in (numbers[at + 1 : at + 1 + _REACH], numbers[:at][: -1 - _REACH : -1]):
             for n, there in _followed(likelihood, way, frame, pose, given, control).items():

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import F, Floats, P, array_dataclass, evenly_spread
+from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import (
@@ -36,6 +37,7 @@ from handtrack.tracking.size.estimate import Shared, WholeEstimate
 from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange, Subject
+from handtrack.tracking.whole.refinement import CameraError
 
 _HELD = 400
 """frames whose terms stay in memory, about 0.3 MB each; of longer recordings they are read anew in each sweep"""
@@ -49,6 +51,9 @@ _OUTLINES = 16
 """frames in which outlines are measured: a median to some per cent"""
 _LONGEST = 0.9
 """correlation above which few frames can't tell it from 1"""
+
+_IN_STEP = 0.1
+"""frames that a camera may be late by and counts as in step beside a correction: a camera at a time of its own takes twice as long"""
 
 MOSTLY_NEW = 0.5
 """share of a frame that is new from which its errors hardly last: those of joints are correlated by less than a third"""
@@ -68,6 +73,8 @@ class Recording:
     """likewise of tracked frames to which a person's pins led: they are refined by their pins"""
     subject: Subject | None = None
     """what is found of the person: the frames are this person's then"""
+    cameras: tuple[CameraError, ...] = ()
+    """what an estimate of all frames found, by which frames beside new poses follow"""
 
 
 def frame_seconds(tracked: Sequence[FrameResult]) -> float:
@@ -97,28 +104,8 @@ class FrameLikelihood(FrameProblem):
         masks are as wide as they are.
         """
         changes, pose = found.cameras, found.poses[n]
-        named = {camera.name: camera for camera in changes.corrected()}
         wider = dict(zip(changes.names, changes.values[:, WIDER].tolist(), strict=True))
-        prepared = [
-            replace(
-                p, camera=named.get(p.camera.name, p.camera), wider_m=wider.get(p.camera.name, 0.0)
-            )
-            for p in self.terms.prepared
-        ]
-
-        def corrected(term: KeypointTerm) -> KeypointTerm:
-            seen = term.observed
-            if isinstance(seen, Keypoints):
-                return term
-            camera = named.get(seen.camera.name, seen.camera)
-            return replace(term, observed=replace(seen, camera=camera))
-
-        terms = replace(
-            self.terms,
-            prepared=tuple(prepared),
-            keypoints=tuple(map(corrected, self.terms.keypoints)),
-            pins=tuple(map(corrected, self.terms.pins)),
-        )
+        terms = _through(self.terms, {c.name: c for c in changes.corrected()}, wider)
         own = dict(zip((*changes.names, CLOUD_NAME), found.moments[:, n].tolist(), strict=True))
         terms = at_camera_times(terms, own, pose, found.speeds[n])
         return terms, stage_problem(terms, pose)
@@ -169,6 +156,8 @@ class RecordingLikelihood:
     last (`new_share`)"""
     frames_later: dict[int, Mapping[str, float]] = field(default_factory=dict)
     """of each frame that was read, by camera, and of its cloud"""
+    known: tuple[CameraError, ...] = ()
+    """of cameras that stay as an earlier estimate found them"""
     _held: OrderedDict[int, FrameLikelihood] = field(init=False, default_factory=OrderedDict)
 
     def of(self, frame: int) -> FrameLikelihood:
@@ -214,15 +203,21 @@ class RecordingLikelihood:
         """Return what was seen beside a frame: of cameras that are late, later images."""
         seen = self.observe(frame, bones)
         changes = self.cameras
-        ahead_by_name = zip(
-            (*changes.names, CLOUD_NAME), (*changes.ahead, changes.cloud_ahead), strict=True
+        ahead_by_name = dict(
+            zip((*changes.names, CLOUD_NAME), (*changes.ahead, changes.cloud_ahead), strict=True)
         )
-        for name, ahead in ahead_by_name:
+        if self.known:
+            ahead_by_name = {name: round(late) for name, late in self._late(seen).items()}
+        for name, ahead in ahead_by_name.items():
             if ahead:
                 then = frame + ahead
                 later = self.observe(then, bones) if then in self.around else Observation(then, 0.0)
                 seen = _exchanged(seen, later, name)
         return seen
+
+    def _late(self, seen: Observation) -> Mapping[str, float]:
+        """Return how late cameras are that are known, and the cloud [frames]."""
+        return replace(seen, frames_later={one.name: one.late_frames for one in self.known}).later
 
     def elsewhere(
         self, poses: Mapping[int, Floats[P]], silent: frozenset[int], poor: frozenset[int]
@@ -250,7 +245,13 @@ class RecordingLikelihood:
         if self.follows:
             beside = [n for n in (frame - 1, frame, frame + 1) if n in self.around]
             speed = velocities(np.array([self.around[n] for n in beside]))[beside.index(frame)]
-            terms = at_camera_times(terms, {CLOUD_NAME: later[CLOUD_NAME]}, pose, speed)
+            own = {CLOUD_NAME: later[CLOUD_NAME]}
+            if self.known:
+                late = self._late(observation).items()
+                own = {name: later.get(name, 0.0) + round(by) - by for name, by in late}
+                own = {name: by for name, by in own.items() if abs(by) > _IN_STEP}
+            terms = at_camera_times(terms, own, pose, speed)
+        terms = _corrected(terms, self.known)
         terms = terms.sharpened(bones)
         if self.outline_mm and terms.prepared:
             terms = terms.with_outlines(self.outline_mm)
@@ -331,4 +332,40 @@ def _exchanged(seen: Observation, later: Observation, name: str) -> Observation:
         silhouettes=(*masks, *filter(of_camera, later.silhouettes)),
         keypoints=(*joints, *filter(of_camera, later.keypoints)),
         pins=(*pins, *filter(of_camera, later.pins)),
+    )
+
+
+def _corrected(terms: FrameTerms, errors: Sequence[CameraError]) -> FrameTerms:
+    """Return terms through cameras as an earlier estimate found them."""
+    points = [term.observed for term in (*terms.keypoints, *terms.pins)]
+    seen = [*terms.prepared, *(one for one in points if not isinstance(one, Keypoints))]
+    calibrated = {one.camera.name: one.camera for one in seen}
+    known = [one for one in errors if one.name in calibrated]
+    cameras = {one.name: one.corrected(calibrated[one.name]) for one in known}
+    return _through(terms, cameras, {one.name: 1e-3 * one.wider_mm for one in known})
+
+
+def _through(
+    terms: FrameTerms, cameras: Mapping[str, Camera], wider_m: Mapping[str, float]
+) -> FrameTerms:
+    """Return terms through other cameras, by name, whose masks are so much wider than the hand."""
+
+    def through(term: KeypointTerm) -> KeypointTerm:
+        seen = term.observed
+        if isinstance(seen, Keypoints):
+            return term
+        camera = cameras.get(seen.camera.name, seen.camera)
+        return replace(term, observed=replace(seen, camera=camera))
+
+    prepared = [
+        replace(
+            one, camera=cameras.get(one.camera.name, one.camera), wider_m=wider_m.get(one.camera.name, one.wider_m)
+        )
+        for one in terms.prepared
+    ]  # fmt: skip
+    return replace(
+        terms,
+        prepared=tuple(prepared),
+        keypoints=tuple(map(through, terms.keypoints)),
+        pins=tuple(map(through, terms.pins)),
     )

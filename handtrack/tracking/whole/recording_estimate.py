@@ -103,6 +103,11 @@ class RecordingEstimate:
         return self.solution
 
     @property
+    def refinement(self) -> Refinement:
+        """What all frames share, after `descend`."""
+        return Refinement.of(self.solved, self.calibrated)
+
+    @property
     def duration_s(self) -> float:
         return self.likelihood.seconds * len(self.tracked)
 
@@ -140,7 +145,10 @@ def refine(recording: Recording, tracked: Sequence[FrameResult]) -> list[FrameRe
             return list(tracked)
     results = estimate.results
     if posed:
-        again = refine_near(recording, results, [*recording.keyframes, *recording.pinned])
+        found = replace(
+            recording, model=estimate.likelihood.model, cameras=estimate.refinement.cameras
+        )
+        again = refine_near(found, results, [*recording.keyframes, *recording.pinned])
         results = {r.frame: r for r in (*results, *again)}.values()
     return [result for result in results if result.frame not in recording.keyframes]
 
@@ -269,8 +277,7 @@ def flip_limbs(estimate: RecordingEstimate) -> RecordingEstimate:
 
 def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate with each frame's result, of the person and by the cameras that were found; these are reported."""
-    found, subject = estimate.solved, estimate.recording.subject
-    refinement = Refinement.of(found, estimate.calibrated)
+    found, subject, refinement = estimate.solved, estimate.recording.subject, estimate.refinement
     estimate.recording.control.observer.shared(refinement.text)
     likelihood = estimate.likelihood.sharing(found.shared)
     if subject is not None and refinement.scale is not None:
@@ -324,14 +331,14 @@ def refine_near(
     held, model = recording.keyframes, recording.model
     touched = np.array([r is not stood.get(r.frame) and r.frame not in held for r in followed])
     near = np.convolve(touched, np.ones(2 * _MEMORY + 1), "same") > 0
+    around = {result.frame: model.solver_params(result.parameters) for result in followed}
     found: list[FrameResult] = []
     for first, stop in runs(near):
         inside = followed[first:stop]
         numbers = [result.frame for result in inside]
-        poses = np.array([model.solver_params(r.parameters) for r in inside])
-        around = dict(zip(numbers, poses, strict=True))
+        poses = np.array([around[number] for number in numbers])
         likelihood = RecordingLikelihood(
-            model, recording.settings, recording.observe, around, seconds
+            model, recording.settings, recording.observe, around, seconds, known=recording.cameras
         )
         stop_asked = recording.control.should_stop
         whole = estimate_whole(likelihood, numbers, poses, stop_asked, sweeps=0)
