@@ -1,6 +1,8 @@
 """Results written and read, what they say of their model, versions, tracks as takes, and what a take is made from."""
 
 import os
+import subprocess
+import sys
 import time
 import zipfile
 from dataclasses import MISSING, fields, replace
@@ -31,6 +33,7 @@ from handtrack.store.store import Store, WritableStore
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import PARTS, Alternative
 from handtrack.tracking.frame.tables.track_model import model_of
+from tests.conftest import REPOSITORY
 from tests.export.sequences import KINDS, sample_rig, sample_sequence
 from tests.sample_track import HAND, sample_frame, sample_track, stacked
 from tests.session.small_session import edit
@@ -81,6 +84,74 @@ def test_nothing_of_a_frame_is_lost_on_the_way(rng, tmp_path):
                 assert list(map(repr, read)) == list(map(repr, value))
             else:
                 assert_array_equal(read, value)
+
+
+WITH_A_FIELD_MORE = """
+import csv, importlib.util, sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+name, folder = "handtrack.tracking.frame.result", Path(sys.argv[1])
+found = importlib.util.find_spec(name)
+source, end = Path(found.origin).read_text(encoding="utf-8"), "\\n\\n\\n@array_dataclass\\nclass Step:"
+assert source.count(end) == 1
+added = '''
+    grip_n: float = field(default=float("nan"), metadata=column(gaps="missing", unit="N", meaning="force"))
+    push: Floats[D3] | None = field(default=None, metadata=column(finite=True, gaps="missing", turned=vector))
+'''
+sys.modules[name] = module = importlib.util.module_from_spec(found)
+exec(compile(source.replace(end, added + end), found.origin, "exec"), module.__dict__)
+
+from handtrack.errors import HandtrackError
+from handtrack.export.table import ResultsTable
+from handtrack.export.tables.csv_wide import write
+from handtrack.export.upright import turn_between, upright
+from handtrack.session.formats.tables import read_npz, write_npz
+from handtrack.store.record import Record
+from handtrack.store.step_record import read_result, result_content
+from tests.sample_track import hand_track
+
+before = hand_track()
+assert before.push is None
+pushes = np.random.default_rng(1).normal(size=(4, 3))
+known = zip((f for f in before.frames() if f.frame != 3), pushes)
+frames = [replace(f, grip_n=float(f.frame), push=push) for f, push in known]
+stored = read_result(Record(1, "frame", *result_content(frames[2])))
+assert (stored.grip_n, stored.push.tolist()) == (2.0, pushes[2].tolist())
+write_npz(folder / "poses.npz", before.labels.track(frames))
+track = read_npz(folder / "poses.npz")
+assert [f.grip_n for f in track.frames()] == [0, 1, 2, 4]
+assert (np.array([f.push for f in track.frames()]) == pushes).all()
+assert track.between(range(2, 9)).grip_n.tolist() == [2, 4]
+for wrong, said in ((track.push[:, :2], "shape"), (track.push * np.nan, "not finite")):
+    write_npz(folder / "wrong.npz", replace(track, push=wrong))
+    try:
+        read_npz(folder / "wrong.npz")
+    except HandtrackError as error:
+        assert said in str(error)
+    else:
+        raise AssertionError(said)
+whole = ResultsTable(track).without_gaps.track
+assert np.isnan(whole.grip_n).tolist() == np.isnan(whole.push).any(axis=1).tolist() == [False] * 3 + [True, False]
+assert (upright(track, "y", "z").push == track.push @ turn_between("y", "z").T).all()
+table = folder / "poses.csv"
+write(table, ResultsTable(track))
+assert [row["grip_n"] for row in csv.DictReader(table.open())] == ["0", "1", "2", "4"]
+assert '"grip_n": "force"' in table.with_suffix(".json").read_text()
+assert track.to_xarray().grip_n.units == "N"
+assert track.to_dataframe().grip_n[4] == 4.0
+"""
+
+
+def test_a_field_declared_once_more_goes_through_everything(tmp_path):
+    """Of a frame's result: a number and a vector, each one line in the source and nowhere else."""
+    pytest.importorskip("pandas")
+    pytest.importorskip("xarray")
+    words = [sys.executable, "-c", WITH_A_FIELD_MORE, tmp_path]
+    run = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
 
 
 @pytest.mark.parametrize(

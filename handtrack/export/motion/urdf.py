@@ -117,10 +117,8 @@ def _joint(
 
 
 def _link(robot: Element, model: ArticulatedModel, bone: int) -> Element:
-    link, ellipsoids = (
-        element(robot, "link", name=model.skeleton.bone_names[bone]),
-        model.ellipsoids["fine"],
-    )
+    link = element(robot, "link", name=model.skeleton.bone_names[bone])
+    ellipsoids = model.ellipsoids["fine"]
     for k in np.flatnonzero(ellipsoids.bone == bone):
         shape = element(link, "visual")
         long = int(np.argmax(ellipsoids.radii[k]))
