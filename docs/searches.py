@@ -26,12 +26,12 @@ SEARCHES = (
     LOST_HAND,
     OTHER_SIDE,
 )
-"""in the order in which a frame asks for them"""
+"""in the order in which a frame runs them"""
 
 
 def table() -> str:
     """Return all policies as a table in Markdown, and what each of their functions does."""
-    head = "| situation | when | tried, round by round | measure | taken | again |\n|---|---|---|---|---|---|\n"
+    head = "| situation | trigger | rounds | objective | accepted | retry |\n|---|---|---|---|---|---|\n"
     rows = "".join(
         f"| {s.situation} | {s.when} | {_tried(s)} | {s.measure} | {_taken(s)} | {s.again} |\n"
         for s in SEARCHES
@@ -39,7 +39,7 @@ def table() -> str:
     rounds = [step for search in SEARCHES for step in search.rounds]
     proposers = {_name(p): p for step in rounds for p, _ in step.propose}
     fitters = {_name(f): f for step in rounds for f, _ in step.fits}
-    return f"{head}{rows}\n{_listed('proposer', proposers)}\n{_listed('fit', fitters)}"
+    return f"{head}{rows}\n{_listed('proposal', proposers)}\n{_listed('optimisation', fitters)}"
 
 
 def _listed(kind: str, functions: dict[str, Proposer] | dict[str, Fitter]) -> str:
@@ -55,7 +55,11 @@ def _name(function: Proposer | Fitter) -> str:
 
 
 def _tried(search: Search) -> str:
-    repeats = f"; up to {search.repeats} times from the better pose" if search.repeats > 1 else ""
+    repeats = (
+        f"; repeated up to {search.repeats} times while the pose improves"
+        if search.repeats > 1
+        else ""
+    )
     return search.tried or "; ".join(_round(one, search.margin) for one in search.rounds) + repeats
 
 
@@ -63,11 +67,11 @@ def _round(step: Round, margin: float) -> str:
     proposed = [_name(p) + (f" ({most})" if most else "") for p, most in step.propose]
     words = [" and ".join(proposed)] if proposed else []
     if step.keep:
-        words[0] += f", beside the best {step.keep} so far"
+        words[0] += f" in addition to the best {step.keep}"
     if step.enter is not None:
         words.append(f"best {step.enter}")
     words += [_name(f) + (f" {count}" if count else "") for f, count in step.fits]
-    again = f", up to {step.times} times while the best gets better by {margin:g}"
+    again = f", up to {step.times} times while the best cost falls by {margin:g}"
     return " → ".join(words) + (again if step.times > 1 else "")
 
 
@@ -75,7 +79,7 @@ def _taken(search: Search) -> str:
     if search.taken:
         return search.taken
     if search.most > 1:
-        return f"the best {search.most} distinct ones"
+        return f"the best {search.most} distinct candidates"
     share = "" if search.factor == 1.0 else f"{search.factor:g} × "
     less = f" − {search.margin:g}" if search.margin else ""
-    return f"cost below {share}the standing pose's{less}"
+    return f"cost below {share}the current pose's{less}"

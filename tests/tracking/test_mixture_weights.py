@@ -131,7 +131,7 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
         monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
         chosen = settings(**{"mixture.draws": 16})
         following = NextHypotheses(HAND, chosen, two, look, Control(), [last])
-        return {c.origin: c.source.log_prior for c in following.each_jumped_along_chains([], 0)}
+        return {c.origin: c.source.log_prior for c in following.kinematic_jumps([], 0)}
 
     even, uneven = log_priors([0.5, 0.5]), log_priors([0.2, 0.8])
     for name, factor in (("index jumped", 0.4), ("ring jumped", 1.6)):

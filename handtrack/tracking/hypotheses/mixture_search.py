@@ -99,7 +99,7 @@ class MixtureObjective:
         return [Start(self.model, x, origin=source.origin, source=source) for x in params]
 
     def minimum(self, candidates: Sequence[Start], iterations: int) -> list[Start]:
-        """Descend by the frame's schedule, or, by joints in images alone, by the compiled solver from all starts at once."""
+        """Optimise by the frame's schedule; for image joints alone all starts at once by the compiled solver."""
         found: list[Start] = []
         for _, group in groupby(candidates, key=lambda c: id(c.source)):
             first, *others = group
@@ -149,8 +149,8 @@ class FirstHypotheses(MixtureObjective):
     start: Floats[P]
     """(P,)"""
 
-    def headings_at_low_resolution(self, found: Sequence[Start], most: int) -> list[Start]:
-        """Propose the start turned all about the root's own y axis, since who stands may face anywhere, the joints as if seen ten times as coarsely."""
+    def coarse_headings(self, found: Sequence[Start], most: int) -> list[Start]:
+        """Propose the start at headings all around the root's y axis, with image joints of ten times the standard deviation."""
         joint = self.model.joint_params(self.start)
         turns = np.arange(float(most))[:, None] * np.array([0.0, 2.0 * np.pi / most, 0.0])
         facing = rotation_matrix(joint[3:6]) @ rotation_matrix(turns)
@@ -160,12 +160,12 @@ class FirstHypotheses(MixtureObjective):
         return self.starts(far, np.array([self.model.solver_params(row) for row in rows]))
 
     def start_and_candidates(self, found: Sequence[Start], most: int) -> list[Start]:
-        """Propose the given start and all candidates so far."""
+        """Propose the start and all candidates so far."""
         near = Source("start", self.terms, len(found))
         return self.starts(near, np.array([self.start, *(c.params for c in found)]))
 
-    def interpretation_trees_of_the_best(self, found: Sequence[Start], most: int) -> list[Start]:
-        """Propose the poses of the best minima's interpretation trees, and samples around these minima."""
+    def interpretation_trees_of_best(self, found: Sequence[Start], most: int) -> list[Start]:
+        """Propose the interpretation trees of the best minima, and samples around these minima."""
         if self.reference is None or not self.chains:
             return []
         mixture, starts = self.settings.mixture, list[Floats]()
@@ -216,12 +216,12 @@ class NextHypotheses(MixtureObjective):
 
     components: Sequence[Component]
 
-    def each_followed(self, found: Sequence[Start], most: int) -> list[Start]:
-        """Propose each hypothesis of the last frame where its motion leads."""
+    def motion_prediction(self, found: Sequence[Start], most: int) -> list[Start]:
+        """Propose each hypothesis of the last frame, moved by its predicted motion."""
         return [start for i in range(len(self.components)) for start in self._followed(i)]
 
-    def each_jumped_along_chains(self, found: Sequence[Start], most: int) -> list[Start]:
-        """Propose flips in depth of hypotheses drawn by weight, along chains drawn by the covariance."""
+    def kinematic_jumps(self, found: Sequence[Start], most: int) -> list[Start]:
+        """Propose kinematic jumps: hypotheses sampled by weight, flipped in depth along chains sampled by covariance."""
         return [
             start
             for (i, c), params in self._leaves.items()
@@ -346,11 +346,11 @@ def _drawn(weights: Floats, draws: int, rng: np.random.Generator) -> Ints:
 
 
 FIRST_HYPOTHESES = Search(
-    situation="several hypotheses, first frame",
+    situation="multiple hypotheses, first frame",
     when="`tracker.hypotheses` above 1",
     rounds=(
         Round(
-            ((FirstHypotheses.headings_at_low_resolution, 4),),
+            ((FirstHypotheses.coarse_headings, 4),),
             fits=((MixtureObjective.minimum, 0),),
         ),
         Round(
@@ -359,7 +359,7 @@ FIRST_HYPOTHESES = Search(
             fits=((MixtureObjective.minimum, 0),),
         ),
         Round(
-            ((FirstHypotheses.interpretation_trees_of_the_best, 6),),
+            ((FirstHypotheses.interpretation_trees_of_best, 6),),
             adds=True,
             fits=((MixtureObjective.minimum, 0),),
             times=3,
@@ -370,19 +370,19 @@ FIRST_HYPOTHESES = Search(
     taken="distinct minima, the heaviest by exp(−cost)",
 )
 NEXT_HYPOTHESES = Search(
-    situation="several hypotheses, every other frame",
+    situation="multiple hypotheses, later frames",
     when="`tracker.hypotheses` above 1",
     rounds=(
         Round(
             (
-                (NextHypotheses.each_followed, 0),
-                (NextHypotheses.each_jumped_along_chains, 0),
+                (NextHypotheses.motion_prediction, 0),
+                (NextHypotheses.kinematic_jumps, 0),
             ),
             fits=((MixtureObjective.minimum, 0),),
         ),
     ),
-    measure="−log of the posterior mass: exp(−cost), the prior's share, the minimum's width (Laplace)",
-    taken="distinct minima, the heaviest",
+    measure="−log of the posterior weight: exp(−cost) × prior × width of the minimum (Laplace)",
+    taken="distinct minima of largest weight",
 )
 
 

@@ -34,16 +34,16 @@ from handtrack.tracking.search.lost_finger import finger_search, with_fingers_re
 POOR, GOOD = 0.80, 0.88
 """agreement below which a cloud's depths are doubted, and above which they are believed again"""
 POOR_CLOUD = Search(
-    situation="a cloud that alone holds the hand is poor",
+    situation="poor cloud, without other observations",
     when=(
-        f"cloud and hand agree by less than {POOR:g}, until they agree by {GOOD:g} (`model.fallback`): harmonic mean of the "
-        "share of points on the surface and of the surface in view that was measured, or the latter alone where it is more"
+        f"`model.fallback`; agreement below {POOR:g}, until above {GOOD:g}: harmonic mean of the points on the surface and of the "
+        "visible surface with points (shares), or the second if it is larger"
     ),
     rounds=(),
-    tried="the frame's schedule with depths doubted, from the last pose; or the simpler hand that `model.fallback` names",
+    tried="frame schedule with `cloud.doubt_depth`, from the last pose; or the simpler model in `model.fallback`",
     measure="cost",
-    taken="always: the frame is called doubtful",
-    again="in the next frame, first of all",
+    taken="always, with low confidence",
+    again="next frame, before other searches",
 )
 
 

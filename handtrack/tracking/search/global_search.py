@@ -161,7 +161,7 @@ class GlobalObjective:
 def rigid_grid(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose rigid hands at every rotation and position, the best by disagreeing area.
+    """Propose rigid hands on a grid of rotations and positions, sorted by the area outside the overlap.
 
     The shapes, the best first, at most `most`, none like a better one; at most half of them at one place, if nothing is known of where the
     hand is. A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first of the
@@ -214,21 +214,21 @@ def rigid_grid(
 def rigid_grid_nearby(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose rigid hands around the last position, all of which descend."""
+    """Propose rigid hands on a grid around the last position; none is rejected before its fit."""
     return [replace(c, cost=0.0) for c in rigid_grid(objective, found, most)]
 
 
-def standing_pose(
+def current_pose(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose the pose that stands."""
+    """Propose the current estimate."""
     return [replace(c, cost=0.0) for c in _best(found)]
 
 
 def depth_flips(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose the best pose with one finger flipped along the lines of sight of one of the first cameras."""
+    """Propose the best pose with one finger flipped in depth, seen from one of the first cameras."""
     cameras = [silhouette.camera for silhouette in objective.observation.silhouettes]
     return [
         replace(best, params=x, origin="depth flips", cost=0.0)
@@ -240,7 +240,7 @@ def depth_flips(
 def finger_bends(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose each pose with its fingers stretched or bent in all 16 ways, of each pose the best two."""
+    """Propose each pose with all 16 combinations of extended and flexed fingers; the best two per pose."""
     bent: list[Candidate] = []
     for candidate in objective.distinct(found, len(found)):
         problem = objective.problem(candidate, WIDE_M)
@@ -260,7 +260,7 @@ def finger_bends(
 def finger_swaps(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose the best pose with two neighbouring fingers exchanged, each pair but the thumb's."""
+    """Propose the best pose with two neighbouring fingers exchanged; every pair without the thumb."""
     swapped = []
     for best, pair in product(_best(found), pairwise(FINGERS[1:])):
         model, joint = best.model, best.model.joint_params(best.params)
@@ -273,18 +273,16 @@ def finger_swaps(
     return swapped
 
 
-def best_again(
-    objective: GlobalObjective, found: Sequence[Candidate], most: int
-) -> list[Candidate]:
-    """Propose the best pose again, where lost fingers are looked for."""
+def best_pose(objective: GlobalObjective, found: Sequence[Candidate], most: int) -> list[Candidate]:
+    """Propose the best pose once more, if the search for lost fingers is on."""
     best = _best(found) if objective.settings.tracker.escape else []
     return [replace(c, origin=f"{c.origin}, fingers looked for") for c in best]
 
 
-def best_of_unknown_size(
+def best_poses(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose the best poses again, where the hand's size is not known."""
+    """Propose the best poses once more, if the hand's size is unknown."""
     return objective.distinct(found, most) if objective.resize else []
 
 
@@ -297,20 +295,20 @@ def _best(found: Sequence[Candidate]) -> list[Candidate]:
 
 @each
 def wide(objective: GlobalObjective, candidate: Candidate, iterations: int) -> Candidate:
-    """Descend on thinned points and pixels with arms of 12 mm."""
+    """Optimise with a band of 12 mm on subsampled points and pixels."""
     moved = _descended(objective, candidate, WIDE_M, iterations)
     return replace(moved, cost=objective.problem(moved, WIDE_M).cost(moved.params))
 
 
 @each
 def narrow(objective: GlobalObjective, candidate: Candidate, iterations: int) -> Candidate:
-    """Descend with arms of 4 mm."""
+    """Optimise with a band of 4 mm."""
     return objective.measured(_descended(objective, candidate, NARROW_M, iterations))
 
 
 @each
 def size(objective: GlobalObjective, candidate: Candidate, iterations: int) -> Candidate:
-    """Descend with the hand's overall size free."""
+    """Optimise pose and overall size."""
     assert objective.resize is not None, "nothing is proposed where the size is known"
     exact = [partial(objective.problem, band_m=1e-3 * mm, unbiased=True) for mm in SIZE_BANDS_MM]
     problems = [partial(objective.problem, band_m=WIDE_M), *exact]
@@ -319,7 +317,7 @@ def size(objective: GlobalObjective, candidate: Candidate, iterations: int) -> C
 
 @each
 def tracker(objective: GlobalObjective, candidate: Candidate, iterations: int) -> Candidate:
-    """Solve the frame as tracking does."""
+    """Solve the frame as in tracking."""
     return _solved(objective, candidate, {"tracker.escape": False})
 
 
@@ -327,7 +325,7 @@ def tracker(objective: GlobalObjective, candidate: Candidate, iterations: int) -
 def tracker_with_lost_fingers(
     objective: GlobalObjective, candidate: Candidate, iterations: int
 ) -> Candidate:
-    """Solve the frame as tracking does, lost fingers looked for."""
+    """Solve the frame as in tracking, with the search for lost fingers."""
     return _solved(objective, candidate, {})
 
 
@@ -438,61 +436,60 @@ def flipped_fingers(
 
 
 LOST_HAND = Search(
-    situation="the hand may be lost",
+    situation="lost hand",
     when=(
-        "a frame is doubtful or lost, unless the observation only leaves the hand open, or its cloud is poor or shows other things, too "
-        "(`tracker.recovery`); masks of more than half of an image do not count"
+        "low confidence or lost (`tracker.recovery`); not where only the uncertainty is large, the cloud is poor or holds other objects, "
+        "or masks cover more than half of an image"
     ),
     rounds=(
         Round(
-            ((rigid_grid_nearby, 28), (standing_pose, 0), (depth_flips, 0)),
+            ((rigid_grid_nearby, 28), (current_pose, 0), (depth_flips, 0)),
             keep=0,
             enter=60,
             fits=((wide, 8),),
         ),
         Round(enter=10, fits=((wide, 12),)),
         Round(enter=3, fits=((tracker, 0),)),
-        Round(((best_again, 0),), adds=True, fits=((tracker_with_lost_fingers, 0),)),
+        Round(((best_pose, 0),), adds=True, fits=((tracker_with_lost_fingers, 0),)),
     ),
-    measure="cost of the observation with short arms (4 mm), the same for all",
+    measure="observation cost in the narrow band (4 mm)",
     factor=0.95,
     again=(
-        "of such frames in a row the first, second, fourth, eighth …; where nothing was seen also every "
+        "the 1st, 2nd, 4th, 8th … such frame in a row; without observations also every "
         f"{UNSEEN_EVERY}th"
     ),
 )
 FINISH = (
     Round(enter=5, fits=((tracker, 0),)),
-    Round(((best_again, 0),), adds=True, fits=((tracker_with_lost_fingers, 0),)),
+    Round(((best_pose, 0),), adds=True, fits=((tracker_with_lost_fingers, 0),)),
     Round(((finger_swaps, 0),), adds=True, fits=((wide, 12), (tracker, 0))),
 )
 """how first poses are finished, wherever they come from"""
 FIRST_POSE = Search(
-    situation="there is no first pose",
+    situation="no first pose",
     when="`--init auto`, *Detect hand*",
     rounds=(
         Round(((rigid_grid, 48),), enter=48, fits=((wide, 10),)),
         Round(((finger_bends, 12),), keep=12, fits=((wide, 12),)),
         Round(enter=24, fits=((narrow, 8),)),
-        Round(((best_of_unknown_size, 5),), adds=True, fits=((size, 0),)),
+        Round(((best_poses, 5),), adds=True, fits=((size, 0),)),
         *FINISH,
-        Round(((best_of_unknown_size, 1),), adds=True, fits=((size, 0), (tracker, 0))),
+        Round(((best_poses, 1),), adds=True, fits=((size, 0), (tracker, 0))),
     ),
-    measure="cost of the observation with short arms (4 mm), the same for all; the surest comes first",
+    measure="observation cost in the narrow band (4 mm); sorted by confidence",
     most=5,
 )
 GIVEN_JOINTS = Search(
-    situation="a first pose is given as joints in images, and silhouettes or a cloud may decide",
-    when="two cameras agree on fewer than 12 of 21 joints",
+    situation="first pose from image joints, with silhouettes or a cloud",
+    when="fewer than 12 of 21 joints are consistent in two cameras",
     rounds=FINISH,
     measure="as for a first pose",
     most=FIRST_POSE.most,
 )
 OTHER_SIDE = Search(
-    situation="the hand may be of the other side",
+    situation="left or right hand",
     when=(
-        "after tracking from a first pose that was found, or given without joints: in up to 4 frames, until this side fits "
-        "better; then of this side likewise"
+        "after tracking from a detected first pose, or one without joints; in up to 4 frames, until the tracked side fits better"
     ),
     rounds=(
         Round(((rigid_grid_nearby, 28),), keep=0, enter=28, fits=((wide, 8),)),
@@ -500,5 +497,5 @@ OTHER_SIDE = Search(
         Round(enter=3, fits=((tracker_with_lost_fingers, 0),)),
     ),
     measure="as for a first pose",
-    taken="never: reported, where the log-odds of all frames together are above 5",
+    taken="none; a warning if the summed log-odds exceed 5",
 )

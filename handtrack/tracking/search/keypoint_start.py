@@ -115,18 +115,18 @@ class ImageJointObjective:
         return [candidates[row] for row in rows[:most]]
 
 
-def rotations_in_four_postures(
+def rotations_of_four_postures(
     objective: ImageJointObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose hands or bodies at 300 rotations in four postures where the joints are seen, the nearest to them."""
+    """Propose four postures at 300 rotations, positioned by the image joints; those of least reprojection error."""
     pairs = sorted(_placed(objective.model, objective.most), key=lambda pair: pair[1])[:most]
     return [Candidate(objective.model, x, cost, "rotations in four postures") for x, cost in pairs]
 
 
-def flips_in_depth_of_the_best(
+def depth_flips_of_best(
     objective: ImageJointObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose the best poses with one finger's or limb's links bent the other way along the viewing rays."""
+    """Propose the best poses with one finger's or limb's links flipped in depth along the viewing rays."""
     model, camera = objective.model, objective.most.camera
     return [
         Candidate(model, flip, origin="flips in depth of the best")
@@ -139,7 +139,7 @@ def flips_in_depth_of_the_best(
 def polish_joints(
     objective: ImageJointObjective, candidates: Sequence[Candidate], iterations: int
 ) -> list[Candidate]:
-    """Descend by the compiled solver for joints, all starts at once."""
+    """Optimise all starts at once by the compiled solver for joints."""
     model = objective.model
     starts = np.array([c.params for c in candidates])
     priors, loss = pose_priors(model, points_rest(model)), geman_mcclure(_ROBUST_SIGMAS)
@@ -151,13 +151,13 @@ def polish_joints(
 
 
 IMAGE_JOINTS = Search(
-    situation="joints in images alone must give a first pose",
-    when="as before; without silhouettes and cloud, and of a body, this is all",
+    situation="first pose from image joints alone",
+    when="as above; the only search without silhouettes and clouds, and for a body",
     rounds=(
-        Round(((rotations_in_four_postures, 48),), fits=((polish_joints, 40),)),
-        Round(((flips_in_depth_of_the_best, 6),), keep=6, fits=((polish_joints, 40),)),
+        Round(((rotations_of_four_postures, 48),), fits=((polish_joints, 40),)),
+        Round(((depth_flips_of_best, 6),), keep=6, fits=((polish_joints, 40),)),
     ),
-    measure="robust distance of the joints in the images, and priors; shares of exp(−cost)",
+    measure="robust reprojection error and priors; weights exp(−cost)",
     most=8,
 )
 

@@ -66,7 +66,7 @@ class FingerObjective:
 def finger_shift(
     objective: FingerObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose all fingers shifted by one, either way, bent as they are and each as its neighbour."""
+    """Propose all fingers shifted by one in either direction, with their own flexion and with their neighbours'."""
     (standing,) = found
     shifted = finger_shifts(standing.model, standing.params)
     return [replace(standing, params=x, origin="finger shift", cost=np.inf) for x in shifted]
@@ -75,7 +75,7 @@ def finger_shift(
 def finger_shift_as_bent(
     objective: FingerObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose all fingers shifted by one, either way, bent as they are."""
+    """Propose all fingers shifted by one in either direction, with their own flexion."""
     shifted = finger_shift(objective, found, most)[1::2]
     return [replace(one, origin="finger shift as bent") for one in shifted]
 
@@ -83,7 +83,7 @@ def finger_shift_as_bent(
 def finger_on_grid(
     objective: FingerObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose each finger, and the forearm, elsewhere in its range, the best by the widest band."""
+    """Propose each finger, and the forearm, on a grid over its range; the best in the widest band."""
     (standing,) = found
     return [
         replace(standing, params=x, origin=f"finger grid, {finger}", cost=np.inf)
@@ -93,32 +93,32 @@ def finger_on_grid(
 
 @each
 def frame_schedule(objective: FingerObjective, candidate: Candidate, iterations: int) -> Candidate:
-    """Descend by the frame's own schedule, band after band, asking where a candidate starts what is in view."""
+    """Optimise by the frame's schedule of bands; visibility is computed at the candidate."""
     terms = objective.terms.visible_at(candidate.model.bones(candidate.params))
     found = descend(terms, candidate.params, objective.control.should_stop)[0].params
     return objective.measured(replace(candidate, params=found))
 
 
 LOST_FINGER = Search(
-    situation="a finger or the forearm may be lost",
+    situation="lost finger or forearm",
     when=(
-        f"the cost is above {SUSPICIOUS_RATIO:g} times the usual: of such frames in a row the first, second, fourth, eighth …; "
-        f"each of the first {SUSPICIOUS_FRAMES} frames; every {SEARCH_EVERY}th frame (`tracker.escape`)"
+        f"`tracker.escape`; cost above {SUSPICIOUS_RATIO:g} times the lower quartile of earlier frames (the 1st, 2nd, 4th, 8th … such frame in a row), "
+        f"the first {SUSPICIOUS_FRAMES} frames, and every {SEARCH_EVERY}th frame"
     ),
     rounds=(
         Round(((finger_shift, 0), (finger_on_grid, 4)), keep=0, fits=((frame_schedule, 0),)),
     ),
-    measure="the frame's cost in its narrowest band, without the pull to the prediction",
+    measure="cost in the narrowest band, without the motion prior",
     margin=2.0,  # [log-likelihood] e² times as probable
     repeats=3,
-    again="in the next frame that asks for it",
+    again="next triggered frame",
 )  # fmt: skip
 SHIFTED_FINGERS = Search(
-    situation="all fingers may be one off",
-    when="each frame, by the 2004 paper's method",
+    situation="all fingers shifted by one",
+    when="every frame, method `paper2004`",
     rounds=(Round(((finger_shift_as_bent, 0),), keep=0, fits=((frame_schedule, 0),)),),
     measure="as for a lost finger",
-    again="in the next frame",
+    again="next frame",
 )
 
 
