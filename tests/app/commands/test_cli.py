@@ -161,9 +161,12 @@ def test_what_is_printed_is_one_object(handtrack, session, tmp_path):
         (["doctor", session], "findings"),
         (["board", "--board", "chessboard:9x6:25mm", "--out", tmp_path / "b.svg"], "page_mm"),
         (["simulate", "--out", tmp_path / "s", "--frames", 1, "--cameras", 1, "--size", 64, 48], "session"),
+        (["bench", "jump_tree_1024"], "jump_tree_1024"),
+        (["model", "check", REPOSITORY / "handtrack/model/definitions/hand26.toml"], "findings"),
     ):  # fmt: skip
         ended = handtrack.does(*words, "--json")
         assert key in json.loads(ended.out)
+    assert json.loads(ended.out)["findings"] == []
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell script")
