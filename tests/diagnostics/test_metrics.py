@@ -35,10 +35,8 @@ def test_a_perfect_track(rng):
     found = evaluate(track, of_points(track.frame, turned))
     assert found["pa_mpjpe_mm"] == pytest.approx(0, abs=1e-9)
     found = evaluate(track, truth_of(track))
-    assert found["mpjpe_mm"] == found["max_mm"] == found["fingertip_mm"] == 0
-    assert found["pck_auc_50mm"] == 1
-    assert found["coverage90"] == 1
-    assert found["lost_frames"] == 0
+    assert found["pck_auc_50mm"] == found["coverage90"] == 1
+    assert not any(found[name] for name in ("mpjpe_mm", "max_mm", "fingertip_mm", "lost_frames"))
 
 
 def test_a_hinge_that_is_bent_more_by_an_angle_is_off_by_that_angle():
