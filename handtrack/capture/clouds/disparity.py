@@ -180,6 +180,8 @@ def matches(
     least, most
         Range of d searched, both included; may be negative.
     """
+    if left.ndim == 3 and all((one == one[..., :1]).all() for one in (left, right)):
+        left, right = left[..., 0], right[..., 0]  # the same is found, in two thirds of the time
     if settings.method == "correlation":
         found, back = correlate(_grey(left), _grey(right), least, most, settings.window)
     else:
