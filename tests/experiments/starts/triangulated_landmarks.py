@@ -12,6 +12,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 
@@ -21,6 +22,7 @@ from handtrack import Camera, Session, TrackResult, evaluate
 from handtrack.arrays import D2, D3, D21, C, F, Floats, N
 from handtrack.bench.measuring import data_folder
 from handtrack.detector.hand_detector import HandDetector
+from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.files.toml_edit import edit_toml
 from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.articulated import keypoint_names
@@ -57,14 +59,15 @@ def triangulated_landmarks() -> dict[str, object]:
     `times_given`: where both know `LATE_S`; elsewhere the cameras' times are for tracking to find, and triangulation takes them as one.
     """
     with tempfile.TemporaryDirectory() as place:
-        session, truth = detected_session(Path(place) / RECORDING)
+        source = data_folder() / "sessions" / RECORDING
+        session, truth = detected_session(source, Path(place) / RECORDING)
         points = triangulated_points(session)[truth.frame]
-        tracks = {use: _tracked(session, settings) for use, settings in USES.items()}
+        tracks = {use: tracked_with(session, settings) for use, settings in USES.items()}
         in_time = triangulated_points(session, LATE_S)[truth.frame]
         names = [camera.name for camera in session.file.cameras]
         lags = {f"camera.{names.index(name)}.lag_s": lag for name, lag in LATE_S.items()}
         edit_toml(session.folder / SESSION_FILE, lags, "a session's settings")
-        tracks["times_given_joints"] = _tracked(Session.open(session.folder), USES["joints"])
+        tracks["times_given_joints"] = tracked_with(Session.open(session.folder), USES["joints"])
     assert truth.keypoints21 is not None
     common = np.where(np.isfinite(points), truth.keypoints21, np.nan)
     seen = replace(truth, keypoints21=common)
@@ -72,12 +75,12 @@ def triangulated_landmarks() -> dict[str, object]:
     for use, track in tracks.items():
         definition = track.landmark_definition
         assert definition is not None, "joints were detected by two cameras"
-        figures |= _figures(f"{use}_landmarks", track.in_landmarks(definition), seen)
-        figures |= _figures(f"{use}_centres", track, seen)
+        figures |= errors(f"{use}_landmarks", track.in_landmarks(definition), seen)
+        figures |= errors(f"{use}_centres", track, seen)
     head: dict[str, object] = {}
     for times, found in (("", points), ("times_given_", in_time)):
         by_joints = tracks[f"{times}joints"].between(range(truth.frame[0], truth.frame[-1] + 1))
-        figures |= _figures(f"{times}triangulated", replace(by_joints, keypoints21=found), seen)
+        figures |= errors(f"{times}triangulated", replace(by_joints, keypoints21=found), seen)
         ours, reference = (figures[f"{times}{which}_mm"] for which in ("joints_landmarks", "triangulated"))  # fmt: skip
         assert isinstance(ours, float) and isinstance(reference, float)
         head[f"{times}ratio"] = ours / reference
@@ -88,19 +91,22 @@ def triangulated_landmarks() -> dict[str, object]:
     return head | figures
 
 
-def _tracked(session: Session, settings: Mapping[str, object]) -> TrackResult:
+def tracked_with(session: Session, settings: Mapping[str, object]) -> TrackResult:
+    """Return a session as `tracked_alone` tracks it with settings."""
     person = tracked_alone(session, session.frame_range, dict(settings))
     return person.run.with_scale(person.model.scale).result(person.refined)
 
 
-def detected_session(folder: Path) -> tuple[Session, Truth]:
-    """Return the recording with its detected joints, written to a new folder, and the marks, which are not in it."""
-    shutil.copytree(data_folder() / "sessions" / RECORDING, folder, copy_function=shutil.copyfile)
+def detected_session(source: Path, folder: Path) -> tuple[Session, Truth]:
+    """Return a recording with its detected joints, written to a new folder, and the truth, which is not in it."""
+    shutil.copytree(source, folder, copy_function=shutil.copyfile)
     truth = Session.open(folder).truth
     assert truth is not None
     for name in (TRUTH_FILE, INIT_FILE):
         (folder / name).unlink()
     session = Session.open(folder)
+    if any(camera.keypoints for camera in session.file.cameras):
+        return session, truth
     detector = HandDetector.open(data_folder() / "hand_detector" / "hand_landmarker.task")
     detection = JointDetection(session, detector)
     for frame in session.frame_range:
@@ -155,9 +161,13 @@ def robustly_triangulated(
     return points
 
 
-def _figures(name: str, track: TrackResult, truth: Truth) -> dict[str, object]:
+def errors(name: str, track: TrackResult, truth: Truth) -> dict[str, object]:
+    """Return `evaluate`'s figures of a track, and the mean errors of the fingers' flexion and of the thumb's, by names that begin so."""
     found = evaluate(track, truth)
-    thumb = [found[f"flexion_thumb_{joint}_deg"] for joint in ("cmc", "mcp", "ip")]
     shown: dict[str, object] = {f"{name}_{k}": found[figure] for k, figure in _SHOWN.items()}
-    known = [float(angle) for angle in thumb if angle is not None]
-    return shown | {f"{name}_thumb_flexion_deg": float(np.mean(known))}
+    for part, free in product(("thumb", "finger"), ("", "offset_free_")):
+        bent = [joint for joint in BENT_JOINTS if joint.startswith("thumb") == (part == "thumb")]
+        angles = [found[f"flexion_{joint}_{free}deg"] for joint in bent]
+        known = [angle for angle in angles if angle is not None]
+        shown[f"{name}_{part}_flexion_{free}deg"] = float(np.mean(known))
+    return shown
