@@ -44,14 +44,14 @@ def wrong_side_warning(
     )
     alone = settings.with_values({"tracker.hypotheses": 1})
 
-    def looks() -> Iterator[tuple[Observation, Floats[P]]]:
+    def samples() -> Iterator[tuple[Observation, Floats[P]]]:
         for frame in (frames[row] for row in rows):
             params = model.transform.solver_params(tracked[frame])
             near = hand_distance(model, model.bones(params))
             used = settings.silhouettes.weight > 0, settings.cloud.weight > 0
             yield session.observation(frame, *used, near), params
 
-    odds = other_side_log_odds(model, other, alone, looks(), control)
+    odds = other_side_log_odds(model, other, alone, samples(), control)
     if odds < _DECISIVE:
         return ""
     return (

@@ -105,7 +105,7 @@ class SpeculativeExecution:
     def _pursued(self, numbers: Iterator[int], pool: ThreadPoolExecutor) -> Iterator[Stepped]:
         while True:
             while self._ahead and self._is_known(self._ahead[0]):
-                settled = self._settled(self._ahead.popleft())
+                settled = self._resolved(self._ahead.popleft())
                 if settled is None:
                     return
                 yield settled
@@ -173,7 +173,7 @@ class SpeculativeExecution:
     def _is_known(self, frame: _Frame) -> bool:
         return frame.beside is None or frame.beside.done()
 
-    def _settled(self, frame: _Frame) -> Stepped | None:
+    def _resolved(self, frame: _Frame) -> Stepped | None:
         """Return a frame as it holds, None when stopped. Where it holds otherwise than it stood, those after it are due anew."""
         if frame.failure is not None:
             raise frame.failure

@@ -69,7 +69,9 @@ class Browser:
             view = self.view
             if view is None or self.told("SetCameraFovMessage") != view.eye.fov:
                 return False
-            return np.allclose(self.target - self.centre, view.sent[-1].way, rtol=0, atol=1e-9)
+            return np.allclose(
+                self.target - self.centre, view.sent[-1].direction, rtol=0, atol=1e-9
+            )
 
         eventually(told)
         self.tell(self.centre, self.target, width)

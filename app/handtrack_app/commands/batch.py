@@ -141,7 +141,7 @@ class Outcome:
     """when, ISO 8601, UTC"""
 
     @property
-    def is_settled(self) -> bool:
+    def is_ended(self) -> bool:
         """Whether the same inputs would end the same way, so that nothing is to be done again."""
         return (self.state == DONE and Path(self.output).is_file()) or self.state == REFUSED
 
@@ -553,7 +553,7 @@ def run(options: BatchOptions) -> int:
     todo = [
         one
         for one, then in zip(plan, known, strict=True)
-        if then is None or then.digest != one.digest or not then.is_settled
+        if then is None or then.digest != one.digest or not then.is_ended
     ]
     out.mkdir(parents=True, exist_ok=True)
     if len(todo) < len(plan):

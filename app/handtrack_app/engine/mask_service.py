@@ -104,11 +104,11 @@ def carry(
     reach: as far as it is carried, `frame` among them. is_painted: whether a camera's own frame was corrected by hand.
     """
     carried: dict[tuple[str, int], Correction] = {}
-    ways = (range(frame + 1, reach.stop), range(frame - 1, reach.start - 1, -1))
-    total = max(len(views) * sum(map(len, ways)), 1)
+    directions = (range(frame + 1, reach.stop), range(frame - 1, reach.start - 1, -1))
+    total = max(len(views) * sum(map(len, directions)), 1)
     for view in views:
-        for way in ways:
-            for at, correction in _carried(view, frame, way, is_painted):
+        for frames in directions:
+            for at, correction in _carried(view, frame, frames, is_painted):
                 carried[at] = correction
                 share = min(len(carried) / total, 0.99)
                 job.show_progress(share, f"carrying the correction of {view.name}")
@@ -122,12 +122,12 @@ def carry(
 
 
 def _carried(
-    view: View, frame: int, way: range, is_painted: Callable[[str, int], bool]
+    view: View, frame: int, frames: range, is_painted: Callable[[str, int], bool]
 ) -> Iterator[tuple[tuple[str, int], Correction]]:
     own = view.own_frame(frame)
     layer = None if own is None else view.corrections.layer(own)
     before = view.image(frame)
-    for at in way:
+    for at in frames:
         own, image = view.own_frame(at), view.image(at)
         if layer is None or before is None or image is None or own is None:
             return

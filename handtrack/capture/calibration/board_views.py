@@ -120,10 +120,16 @@ def _oriented(gray: Bytes, grid: Floats) -> Floats | None:
     """
     turned = [np.rot90(grid, k) for k in range(4)]
     orientations = [
-        way for way in (*turned, *(way[:, ::-1] for way in turned)) if way.shape == grid.shape
+        corners
+        for corners in (*turned, *(corners[:, ::-1] for corners in turned))
+        if corners.shape == grid.shape
     ]
-    fitting = [way for way in orientations if not _mirrored(way) and _black_first(gray, way)]
-    return min(fitting, key=lambda way: float(way[0, 0].sum()), default=None)
+    fitting = [
+        corners
+        for corners in orientations
+        if not _mirrored(corners) and _black_first(gray, corners)
+    ]
+    return min(fitting, key=lambda corners: float(corners[0, 0].sum()), default=None)
 
 
 def _mirrored(grid: Floats) -> bool:

@@ -335,7 +335,7 @@ def _pose_vector(matrix: Floats) -> Floats:
 # ---- where cameras stand relative to one another, from boards that two of them saw in the same frame
 
 
-_MOST_LATE = 60  # frames
+_MOST_OFFSET = 60  # frames
 _TURN_M = 1.0  # a degree of disagreement counts as much as 1.7 % of the distance to the board
 
 
@@ -419,7 +419,7 @@ def frame_offset(
     """
     turns = _turn_transforms(board)
     found: dict[int, float] = {}
-    for offset in range(-_MOST_LATE, _MOST_LATE + 1):
+    for offset in range(-_MOST_OFFSET, _MOST_OFFSET + 1):
         frames = [frame for frame in a if frame + offset in b][:60]
         if len(frames) >= 5:
             news, nears = [b[f + offset] for f in frames], [a[f] for f in frames]

@@ -119,9 +119,12 @@ def _level_line_value(plane: Array, row: Array, column: Array, u: Floats, v: Flo
             np.where(along_x != 0, across, np.inf), np.where(along_y != 0, down, np.inf)
         )
 
-    def on_side(way: Floats) -> Floats:
+    def on_side(direction: Floats) -> Floats:
         """Return the value where the line ends: linear between two corners, for it lies on a side."""
-        a, b = np.clip(u + way * along_x, 0.0, 1.0), np.clip(v + way * along_y, 0.0, 1.0)
+        a, b = (
+            np.clip(u + direction * along_x, 0.0, 1.0),
+            np.clip(v + direction * along_y, 0.0, 1.0),
+        )
         above, below = p1 + (p2 - p1) * a, p3 + (p4 - p3) * a
         return above + (below - above) * b
 

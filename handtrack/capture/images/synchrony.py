@@ -20,14 +20,14 @@ _WIDTH = 192  # of the reduced pictures [px]
 _BINS = 48  # planes told apart
 _NOISE = 6.0  # grey levels: smaller changes are the sensor's
 _LEAST_OVERLAP = 10  # frames that both show
-_MOST_LATE = 12  # frames
+_MOST_OFFSET = 12  # frames
 _LEAST_CORRELATION = 0.3
 _LEAST_APART_M = 1e-4
 _LEAST_GAIN = 0.1  # of the correlation over that of the frames as numbered, a frame away; less by the square where nearer
 _TENTHS = 10  # steps a frame
 _MOST_SWEEPS = 20
 _NEIGHBOURS = 3  # to either side with which a camera is compared: all pairs of up to seven cameras
-_STRETCH_TENTHS = 20  # by which one stretch alone may differ from both together
+_INTERVAL_TENTHS = 20  # by which one stretch alone may differ from both together
 _LEAST_STD = 0.1  # frames; what pairs of made scenes are off by on average, of 0.15 a pair (tests/capture/test_synchrony.py)
 _MOST_STD = 1.0  # frames: stretches that differ by more disagree
 _LEAST_OFFSET = 0.25  # frames: smaller ones are not told from none
@@ -152,11 +152,11 @@ def time_offsets(motions: Sequence[tuple[ImageMotion, ImageMotion]]) -> dict[int
     fine = {pair: both for pair, both in fine.items() if pair[0] in cameras}
     together = {pair: both.mean(axis=0) for pair, both in fine.items()}
     none = np.zeros(count, int)
-    best = _best_offsets(together, none, cameras, 2 * _MOST_LATE * _TENTHS)
+    best = _best_offsets(together, none, cameras, 2 * _MOST_OFFSET * _TENTHS)
     reference = max(cameras, key=lambda k: (sum(abs(best[cameras] - best[k]) < 3), -k))
     best -= best[reference]
     each = [
-        _best_offsets({p: both[s] for p, both in fine.items()}, best, cameras, _STRETCH_TENTHS)
+        _best_offsets({p: both[s] for p, both in fine.items()}, best, cameras, _INTERVAL_TENTHS)
         for s in (0, 1)
     ]
     found = dict[int, TimeOffset]()
@@ -189,7 +189,7 @@ def _in_tenths(curve: Floats[L]) -> Floats[N]:
 
 def _scores(pairs: Mapping[tuple[int, int], Floats[N]], camera: int, offsets: Ints[N]) -> Floats[N]:
     """Return how well a camera agrees with those it is compared with on average, by its offset: −12 to 12 frames in tenths."""
-    most = _MOST_LATE * _TENTHS
+    most = _MOST_OFFSET * _TENTHS
     total = []
     for (i, k), curve in pairs.items():
         if k == camera:
@@ -219,7 +219,7 @@ def _best_offsets(
 
 def _correlations(first: ImageMotion, second: ImageMotion) -> Floats:
     """Return (2 most + 1,) how well what moves agrees at each lag of the second; NaN where too little is seen to tell."""
-    unknown = np.full(2 * _MOST_LATE + 1, np.nan)
+    unknown = np.full(2 * _MOST_OFFSET + 1, np.nan)
     shapes = [next((c.shape for c in m.changes if c is not None), None) for m in (first, second)]
     if shapes[0] is None or shapes[1] is None:
         return unknown
@@ -239,9 +239,9 @@ def _correlations(first: ImageMotion, second: ImageMotion) -> Floats:
         motion.by_plane(np.nan_to_num(part, nan=high + 1), edges)
         for motion, part in zip((first, second), angles, strict=True)
     ]
-    lags = range(-_MOST_LATE, _MOST_LATE + 1)
+    lags = range(-_MOST_OFFSET, _MOST_OFFSET + 1)
     curve = np.array([_correlation(rows[0], rows[1], k) for k in lags])
-    return unknown if np.isnan(curve[_MOST_LATE]) else np.nan_to_num(curve, nan=-1.0)
+    return unknown if np.isnan(curve[_MOST_OFFSET]) else np.nan_to_num(curve, nan=-1.0)
 
 
 def _correlation(first: Floats, second: Floats, late: int) -> float:

@@ -17,15 +17,15 @@ from handtrack.session.doctor.check_outlines import often_mistaken
 from handtrack.session.doctor.check_views import Finding, ok, warning
 from handtrack.session.session import Session
 
-_STRETCH = (
+_INTERVAL = (
     200  # frames with joints, looked at one after the other: which are late shows in motion only
 )
 _FEWEST = 20  # points of a hand that two cameras see, over all frames
 _MOST_OFF = 0.06
 """of the hand's extent in an image; a detector's points lie up to 10 mm apart on a hand of 180 mm, seen from two sides"""
 _BETTER = 0.5  # times the miss, with what would fit
-_BETTER_LATE = 0.75  # times the miss, with frames as they may belong together
-_MOST_LATE = 3  # frames
+_BETTER_OFFSET = 0.75  # times the miss, with frames as they may belong together
+_MOST_OFFSET = 3  # frames
 
 
 _View = tuple[Camera, Floats[T, J, D2]]
@@ -47,7 +47,7 @@ def check_joints(session: Session) -> Iterator[Finding]:
             + (_what_would_fit(seen, found) or _NOTHING_FITS)
         )
         return
-    late = _late(seen, found)
+    late = _time_offset(seen, found)
     if late:
         yield warning(late)
     else:
@@ -72,7 +72,7 @@ def _joints_by_view(session: Session) -> tuple[tuple[str, ...], list[_View]]:
             row[view.name] = {} if own is None else one.as_taken(own)
         rows.append(row)
         found += sum(map(bool, row.values())) > 1
-        if found >= _STRETCH:
+        if found >= _INTERVAL:
             break
     seen = []
     for view in files:
@@ -176,7 +176,7 @@ def _mistakes(seen: Sequence[_View]) -> Iterator[tuple[str, _Match | None]]:
 def _shifts(seen: Sequence[_View]) -> Iterator[tuple[str, _Match | None]]:
     """Yield by how many frames a camera may be late, in words, and how joints fit together then."""
     for i, (camera, pixels) in enumerate(seen):
-        for shift in (*range(-_MOST_LATE, 0), *range(1, _MOST_LATE + 1)):
+        for shift in (*range(-_MOST_OFFSET, 0), *range(1, _MOST_OFFSET + 1)):
             moved = np.full_like(pixels, np.nan)
             if shift > 0:
                 moved[:-shift] = pixels[shift:]
@@ -195,11 +195,11 @@ def _shifts(seen: Sequence[_View]) -> Iterator[tuple[str, _Match | None]]:
             return  # the second late is the first early
 
 
-def _late(seen: Sequence[_View], found: _Match) -> str:
+def _time_offset(seen: Sequence[_View], found: _Match) -> str:
     """Return that frames fit clearly better as another number; empty where they do not."""
     good = ((words, match) for words, match in _shifts(seen) if match is not None)
     words, match = min(good, key=lambda one: one[1][0], default=("", found))
-    if not words or match[0] > _BETTER_LATE * found[0]:
+    if not words or match[0] > _BETTER_OFFSET * found[0]:
         return ""
     return f"joints meet in space to {_words(found)}. {words.replace('They would meet', f'They would meet to {_words(match)}')}"
 

@@ -380,7 +380,7 @@ def check_clouds(session: Session) -> Iterator[Finding]:
 # ---- The doctor's look at whether frames of equal number show the same moment in every camera
 
 
-_STRETCH = 60  # consecutive frames; two stretches are looked at, and must agree
+_INTERVAL = 60  # consecutive frames; two stretches are looked at, and must agree
 _FEWEST = 40  # frames of a session that can tell
 
 
@@ -394,7 +394,7 @@ def check_synchrony(session: Session) -> Iterator[Finding]:
     told = {name: offset for name, offset in found.items() if offset and offset.agrees}
     late = sorted((n for n in told if told[n].is_sure), key=lambda n: -abs(told[n].frames))
     for name in late:
-        yield warning(_late(session, name, told[name]))
+        yield warning(_time_offset(session, name, told[name]))
     untold = [name for name in found if name not in told]
     if untold:
         yield note(
@@ -409,7 +409,7 @@ def check_synchrony(session: Session) -> Iterator[Finding]:
         )
 
 
-def _late(session: Session, name: str, offset: TimeOffset) -> str:
+def _time_offset(session: Session, name: str, offset: TimeOffset) -> str:
     """Return that a camera is late or early, and what to do."""
     which = f"camera '{name}' comes"
     way = "late" if offset.frames > 0 else "early"
@@ -438,10 +438,10 @@ def _moving(view: View) -> FrameSource | None:
 
 def _motions(view: View, source: FrameSource, count: int) -> tuple[ImageMotion, ImageMotion]:
     """Return what moved in two stretches of a recording."""
-    long = min(_STRETCH, count // 2)
+    long = min(_INTERVAL, count // 2)
     starts = (
         (0, count - long)
-        if count <= 2 * _STRETCH
+        if count <= 2 * _INTERVAL
         else (count // 3 - long // 2, 2 * count // 3 - long // 2)
     )
     first, second = (

@@ -89,7 +89,7 @@ def find_first_poses(
 
     best: list[FirstPoseCandidate] = []
     best_observation: Observation | None = None
-    for step, seen in enumerate(_worth_a_look(run, frame)):
+    for step, seen in enumerate(_candidate_observations(run, frame)):
         before, best = best, surer(best, seen, run.scale, step)
         best_observation = best_observation if best is before else seen
         if is_over(best):
@@ -120,7 +120,7 @@ def _is_size_known(run: TrackingRun) -> bool:
     return run.session.hand_scale != "fit" or run.scale != HandScale()
 
 
-def _worth_a_look(run: TrackingRun, frame: int | range | None) -> Iterator[Observation]:
+def _candidate_observations(run: TrackingRun, frame: int | range | None) -> Iterator[Observation]:
     """Yield what was seen of a frame, or of a few that may show a hand, spread over all: those whose joints say where it is
     before those that may only be searched.
     """

@@ -288,7 +288,7 @@ class _SentView:
 
     when: float
     """[s]"""
-    way: Floats[D3]
+    direction: Floats[D3]
     """to the point looked at [m]"""
     zoom: Zoom
     follows: bool
@@ -422,7 +422,7 @@ class Views:
             through = self._through.get(client.client_id)
             if through is None or not camera.image_height:
                 return
-            way = np.asarray(camera.look_at) - np.asarray(camera.position)
+            direction = np.asarray(camera.look_at) - np.asarray(camera.position)
             if abs(camera.aspect / through.aspect - 1) > 1e-3:  # the window got another shape
                 through.aspect = camera.aspect
                 if through.follows:
@@ -436,27 +436,29 @@ class Views:
                     through.left = True
                     self.changed(client, through)
                 return
-            near = float(np.linalg.norm(way))
+            near = float(np.linalg.norm(direction))
             ahead = matrix_from_quaternion(camera.wxyz)[:, 2]
-            if near < 1e-9 or way @ ahead < (1 - 1e-6) * near:
+            if near < 1e-9 or direction @ ahead < (1 - 1e-6) * near:
                 return  # half of what it was told: the other half comes with the next frame that it draws
-            self._take(client, through, way, near)
+            self._take(client, through, direction, near)
             if abs(camera.fov - through.eye.fov) > 1e-5:
                 internals.send(client, internals.messages.SetCameraFovMessage(through.eye.fov))
 
     def _take(
-        self, client: viser.ClientHandle, through: Through, way: Floats[D3], near: float
+        self, client: viser.ClientHandle, through: Through, direction: Floats[D3], near: float
     ) -> None:
         """Take what a page looks at: what it was told last, or what the user turned it to."""
         before = through.zoom, through.follows, through.left
-        sent = [one for one in through.sent if np.linalg.norm(way - one.way) < 1e-3 * near]
+        sent = [
+            one for one in through.sent if np.linalg.norm(direction - one.direction) < 1e-3 * near
+        ]
         now = time.monotonic()
         if sent and sent[-1] is through.sent[-1]:
             through.zoom, through.follows = sent[-1].zoom, sent[-1].follows
         elif sent and now - sent[-1].when < _SETTLED_S:
             return  # of what it was told before; what it was told last is under way
         else:
-            aim = ray_pixel(through.card, way)
+            aim = ray_pixel(through.card, direction)
             if aim is None:
                 return
             times = (_NEAR_M / near) ** _NOTCHES
@@ -471,9 +473,9 @@ class Views:
     def _stand(self, client: viser.ClientHandle, through: Through) -> None:
         """Put a page's eye where its view says."""
         observed, centre = through.eye, through.card.centre
-        way = observed.rotation[:, 2] * _NEAR_M / through.zoom.times ** (1 / _NOTCHES)
-        through.sent.append(_SentView(time.monotonic(), way, through.zoom, through.follows))
-        view = Viewpoint(centre, centre + way, -observed.rotation[:, 1], observed.fov)
+        direction = observed.rotation[:, 2] * _NEAR_M / through.zoom.times ** (1 / _NOTCHES)
+        through.sent.append(_SentView(time.monotonic(), direction, through.zoom, through.follows))
+        view = Viewpoint(centre, centre + direction, -observed.rotation[:, 1], observed.fov)
         look_from(client, view, (_NEAR_M / MOST ** (1 / _NOTCHES), _NEAR_M))
         self.changed(client, through)
 

@@ -46,9 +46,9 @@ def _back(turn, x, y, z):  # pragma: no cover - compiled
 
 
 @inlined
-def _along(rows, n, way):  # pragma: no cover - compiled
+def _along(rows, n, direction):  # pragma: no cover - compiled
     """Return how far row n goes along a direction."""
-    return rows[n, 0] * way[0] + rows[n, 1] * way[1] + rows[n, 2] * way[2]
+    return rows[n, 0] * direction[0] + rows[n, 1] * direction[1] + rows[n, 2] * direction[2]
 
 
 @inlined

@@ -112,7 +112,7 @@ _STEP_PX = 2
 _MOST_SCORED = 4  # cameras
 _PLACE_M, _MOST_PLACES = 0.025, 100
 # of outline errors, in bands; along how much outline they stay the same
-_SIGMA_BANDS, _STRETCH_M = (0.35, 0.010)
+_SIGMA_BANDS, _CORRELATED_M = (0.35, 0.010)
 _WIDE_PIXELS = 2.0
 _LEAST_VISIBLE = 0.25  # share of a box that counts as the whole
 
@@ -239,7 +239,7 @@ class SilhouetteScore:
             # what is out of sight is taken to fit as badly as what is seen of the same hand
             seen = (boxed.valid[:, 1] - boxed.valid[:, 0]).sum() / (2 * shape.reach * metre) ** 2
             unseen = 1.0 / np.clip(seen, _LEAST_VISIBLE, 1.0)
-            weights.append(unseen * 2 * band / (_STRETCH_M * metre * sigma**2))
+            weights.append(unseen * 2 * band / (_CORRELATED_M * metre * sigma**2))
         if not near:
             return []
         return [CoverageTerm(near, model.ellipsoids["fine"], bands, bones, unbiased, weights)]
