@@ -10,6 +10,7 @@ from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.confidence import (
+    CLOUD,
     calibrated_covariance,
     curls,
     frame_confidence,
@@ -42,7 +43,7 @@ def test_what_fits_badly_and_fingers_that_are_closed_are_known_less():
     fist = joint.copy()
     fist[[n.startswith(("index", "thumb")) and "flex" in n for n in HAND.parameter_names]] = 1.3
     good, bad, closed = (
-        dict(zip(HAND.joint_names, np.trace(calibrated_covariance(HAND, curls(HAND, pose), raw, m, by_cloud=True), axis1=1, axis2=2)))
+        dict(zip(HAND.joint_names, np.trace(calibrated_covariance(HAND, curls(HAND, pose), raw, m, CLOUD), axis1=1, axis2=2)))
         for pose, m in ((joint, 0.5), (joint, 2.0), (fist, 2.0))
     )  # fmt: skip
     assert good["index_tip"] < bad["index_tip"] < closed["index_tip"]
@@ -58,7 +59,7 @@ def test_what_fits_badly_and_fingers_that_are_closed_are_known_less():
 def test_the_own_hand_s_stated_90_percent_hold(rng):
     """Exact masks of the very model: what is stated of a closing hand is not too little, and an open one is not called doubtful."""
     joint = motion(HAND, "open_fist_open", 48, rng)[6:24:3]
-    rig = list(simulated_rig(3, (320, 240), 0.4))
+    rig = simulated_rig(3, (320, 240), 0.4)
     poses = np.array([HAND.transform.solver_params(j) for j in joint])
     seen = [
         replace(mask_views(HAND, pose, rig), frame=n, time_s=n / 25) for n, pose in enumerate(poses)
@@ -74,7 +75,7 @@ def test_the_own_hand_s_stated_90_percent_hold(rng):
 def test_joints_that_noise_leaves_open_are_a_sign_of_a_gross_error(rng):
     """Beyond the tail of what is stated: so few constraints have other minima, too."""
     pose = HAND.transform.solver_params(motion(HAND, "open_fist_open", 8, rng)[0])
-    seen, bones = mask_views(HAND, pose, list(simulated_rig(2, (160, 120), 0.4))), HAND.bones(pose)
+    seen, bones = mask_views(HAND, pose, simulated_rig(2, (160, 120), 0.4)), HAND.bones(pose)
     terms = frame_terms(HAND, TrackerSettings(), seen, bones, None)
 
     def beside_the_tail(total_m):
@@ -90,7 +91,7 @@ def test_detected_joints_that_agree_lower_the_doubt_of_a_closed_hand(rng, turn, 
     """Of two cameras; where they see them elsewhere, or flesh hides them as from the side of a fist, they confirm nothing."""
     pose = HAND.transform.solver_params(motion(HAND, "open_fist_open", 8, rng)[4])
     pose[4] += turn
-    rig = list(simulated_rig(2, (160, 120), 0.4))
+    rig = simulated_rig(2, (160, 120), 0.4)
     seen, bones = mask_views(HAND, pose, rig), HAND.bones(pose)
 
     def doubt(off_px):
@@ -103,4 +104,4 @@ def test_detected_joints_that_agree_lower_the_doubt_of_a_closed_hand(rng, turn, 
     agreeing, alone, elsewhere = doubt(0.0), doubt(None), doubt(30.0)
     assert agreeing[0] / alone[0] == pytest.approx(doubt_left, abs=0.1)
     assert agreeing[1] < alone[1]
-    assert elsewhere == alone
+    assert elsewhere == pytest.approx(alone, rel=0.1)

@@ -53,7 +53,6 @@ class Model:
     """What a judgement asks of a model."""
 
     overall: float
-    kind: str = "hand"
     joint_names: tuple[str, ...] = keypoint_names()
 
     @property
@@ -71,6 +70,8 @@ class Judged:
     covariance: Floats
     """(21, 3, 3) if the model were the hand [m²]"""
     misfit: float
+    seen: str
+    """MASKS, or JOINTS beside them"""
     moved: float
     """`moved_sign`"""
     stated: Floats
@@ -93,10 +94,10 @@ def tracked(session: Path) -> dict[str, Any]:
         found = judged_as_usual(terms, *given)
         assert found.joint_covariance is not None
         rows = [terms.model.joint_names.index(name) for name in keypoint_names()]
-        model, curled, covariance, misfit, _ = asked
+        model, curled, covariance, misfit, seen = asked
         previous, moved_m = given[4:]
         frames[previous[-1].frame + 1 if previous else 0] = Judged(
-            model, curled, covariance[rows], misfit, moved_sign(moved_m), found.joint_covariance[rows],
+            model, curled, covariance[rows], misfit, "JOINTS" if seen is confidence.JOINTS else "MASKS", moved_sign(moved_m), found.joint_covariance[rows],
             found.p_off_25mm,
         )  # fmt: skip
         return found
@@ -173,7 +174,7 @@ class Half:
         """Return what is stated of each joint by the figures as they are, ways aside; a metre where the hand is lost."""
         return np.array([
             np.tile(np.eye(3), (21, 1, 1)) if one is None
-            else calibrated_covariance(one.model, one.curled, one.covariance, one.misfit)  # pyright: ignore[reportArgumentType]
+            else calibrated_covariance(one.model, one.curled, one.covariance, one.misfit, getattr(confidence, one.seen))  # pyright: ignore[reportArgumentType]
             for one in self.frames
         ])  # fmt: skip
 
@@ -204,20 +205,19 @@ class Half:
 def fit(half: Half) -> None:
     """Put figures in their place that explain a half best."""
     known, fist, wrong = half.known, half.fist, half.wrong
+    masks = np.array([one is not None and one.seen == "MASKS" for one in half.frames])
 
     def of_masks(values: Floats) -> float:
-        noise, flesh, closed, palm = np.abs(values)
+        noise, flesh, closed, palm = np.abs(values).tolist()
         confidence.MASKS = Calibration(noise, 0.0, flesh, closed, palm, 0.0)
         far, volume = half.distances()
         inside = far < _CHI2_90
-        shares = np.array([inside[known & fist].mean(), inside[known & ~fist].mean()])
-        return float(0.5 * (np.minimum(far, _FAR) + volume)[known].mean() + 50.0 * ((shares - 0.9) ** 2).sum())  # fmt: skip
+        shares = np.array([inside[masks & fist].mean(), inside[masks & ~fist].mean()])
+        return float(0.5 * (np.minimum(far, _FAR) + volume)[masks].mean() + 50.0 * ((shares - 0.9) ** 2).sum())  # fmt: skip
 
     start = np.array([confidence.MASKS.noise, confidence.MASKS.flesh_mm, confidence.MASKS.closed_mm, confidence.MASKS.palm_mm])  # fmt: skip
     options = {"maxfev": 150, "xatol": 0.02, "fatol": 1e-3}
-    best = minimize(of_masks, start, method="Nelder-Mead", options=options).x
-    noise, flesh, closed, palm = np.abs(best).round(2).tolist()
-    confidence.MASKS = Calibration(noise, 0.0, flesh, closed, palm, 0.0)
+    of_masks(minimize(of_masks, start, method="Nelder-Mead", options=options).x.round(2))
 
     judged = [one for one in half.frames if one is not None]
     told = [signs_of(one) for one in judged]
