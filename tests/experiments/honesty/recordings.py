@@ -1,8 +1,8 @@
 """Write recordings with truth: python -m tests.experiments.honesty.recordings DATA MAKEHUMAN OUT
 
 DATA: a folder with `webxr_generic_hand`, `umetrack_generic_hand` and, for motions, `realsense_hand_pose`. MAKEHUMAN: the git folder of a
-copy of its repository. OUT: gets a folder for each half of `HALVES`: figures are fitted to `tune`; `apart`, other people, motions and noise, is
-looked at once a fit, and nothing is chosen by it.
+copy of its repository. OUT: gets a folder for each half of `HALVES`: figures are fitted to `tune`; `fresh`, other people, motions and noise, is
+for one look, after which another is needed.
 """
 
 from __future__ import annotations
@@ -87,31 +87,19 @@ HALVES = {
         6 ragged makehuman0 letters
         6 webxr pinches
     """,
-    "apart": """
-        2 umetrack fist
-        3 webxr animbank_a:640
-        3 ragged umetrack letters
-        2 late makehuman2 curls
-        2 turned webxr animbank_a:800
-        3 turned late umetrack animbank_a:500
-        2 gaps ragged webxr pinches
-        3 sleeve ragged makehuman5 turns
-        4 gaps makehuman7 fist
-        2 joints ragged umetrack animbank_a:960
-        3 makehuman2 letters
-        2 ragged makehuman5 fist
-        2 webxr letters
-        3 joints late umetrack animbank_a:560
-        3 gaps makehuman7 curls
-        2 turned late webxr fist
-        4 ragged late umetrack letters
-        2 sleeve makehuman2 spread
-        3 joints makehuman5 pinches
-        2 ragged makehuman7 animbank_a:720
-        6 makehuman7 fist
-        4 ragged makehuman5 fist
-        6 ragged makehuman2 pinches
-        6 umetrack letters
+    "fresh": """
+        2 makehuman4 fist
+        3 ragged umetrack pinches
+        2 late makehuman5 letters
+        3 turned late webxr curls
+        2 joints ragged makehuman4 fist
+        2 ragged umetrack fist
+        2 makehuman5 animbank_a:760
+        3 joints late makehuman7 letters
+        2 joints umetrack fist
+        2 turned makehuman2 pinches
+        2 joints webxr curls
+        3 joints ragged makehuman2 fist
     """,
 }
 """of each recording cameras, faults, hand, and motion: of `motions.SHAPES`, or FILE:ROW of RealSense's. Faults: masks with ragged outlines; the
