@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +49,7 @@ from handtrack.store.store import Store
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.tracked_rows import TrackedRows
-from handtrack_app.protocol.snapshots import TakeCard
+from handtrack_app.protocol.snapshots import FileKind, TakeCard
 
 
 class TakeCache:
@@ -211,9 +211,6 @@ def renamed(
     """Return joint parameters of another model by name; those that are not known are `others`."""
     known: dict[str, float] = dict(zip(names, values.tolist(), strict=True))
     return np.array([known.get(name, other) for name, other in zip(new_names, others, strict=True)])
-
-
-FileKind = Literal["setting", "clouds", "masks"]
 
 
 @dataclass(frozen=True)

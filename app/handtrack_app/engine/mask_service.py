@@ -31,7 +31,7 @@ from handtrack_app.engine.document_snapshots import possible_masks
 from handtrack_app.engine.jobs import BackgroundJob
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.service import PreviewService
-from handtrack_app.engine.store import edits, saving
+from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
     FILES,
@@ -286,17 +286,6 @@ class MaskService(PreviewService):
             return self._changed(camera, values)
 
         self._do("Masks: box", edit)
-
-    @Command(edits=True)
-    def restore_masks(self) -> None:
-        """Go back to the masks as session.toml has them."""
-        back = dict.fromkeys(self.document.unsaved("masks"))
-        self._do("Masks of session.toml", lambda: decide(masks=back))
-
-    @Command(edits=True, files=True)
-    def save_masks(self) -> None:
-        """Write where masks come from into session.toml."""
-        self._save(saving.save_masks, "Masks' settings saved")
 
     @Command(edits=True, files=True)
     def paint_mask(

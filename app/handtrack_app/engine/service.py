@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from handtrack.session.session_state import Edit
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.calls import Mailbox
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
@@ -29,10 +28,6 @@ class Service:
     ) -> None:
         """Make an edit of settings."""
         self.opened.change(lambda: self.store.do(words, edit(), tag, is_stroke=is_stroke))
-
-    def _save(self, save: Callable[[Persistence], str], title: str) -> None:
-        """Write settings into session.toml, and say so."""
-        self.opened.change(lambda: self.publish(Notice("done", title, save(self.store))))
 
 
 _HURRIED_S = 0.6  # while tracking runs, previews are shown at most this often

@@ -17,7 +17,7 @@ from handtrack_app.engine.posing_service import set_pose
 from handtrack_app.engine.service import NewestFirst, Service
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.protocol.calls import Command
-from handtrack_app.protocol.snapshots import Notice
+from handtrack_app.protocol.snapshots import FileKind, Notice
 
 if TYPE_CHECKING:
     from handtrack_app.engine.open_session import OpenSession
@@ -48,9 +48,17 @@ class TuningService(Service):
         self._fitting.start()
 
     @Command(edits=True, files=True)
-    def save_settings(self) -> None:
-        """Write the settings that session.toml does not have into it."""
-        self._save(saving.save_settings, "Settings saved")
+    def save_to_file(self, kind: FileKind) -> None:
+        """Write what session.toml does not have of a kind into it."""
+        saved = lambda: Notice("done", "Settings saved", saving.save(self.store, kind))  # noqa: E731
+        self.opened.change(lambda: self.publish(saved()))
+
+    @Command(edits=True)
+    def restore_from_file(self, kind: FileKind) -> None:
+        """Go back to what session.toml has of a kind."""
+        back = dict.fromkeys(self.document.unsaved(kind))
+        edit = decide(clouds=None) if kind == "clouds" else decide(**{kind: back})
+        self._do("Settings of session.toml", lambda: edit)
 
     @Command(view=True)
     def refit_while_tuning(self, on: bool) -> None:

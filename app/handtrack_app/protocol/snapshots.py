@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,8 @@ class ScoreSnapshot:
 # ---- What the engine tells the page of masks: snapshots, as those of `snapshots`
 
 
+FileKind = Literal["setting", "clouds", "masks"]
+"""of what session.toml can say of what is decided in the workbench"""
 FILES, NO_MASKS = "files", "none"
 """in place of a method: files that session.toml names; no masks"""
 

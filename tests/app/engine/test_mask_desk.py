@@ -69,7 +69,7 @@ def test_what_is_tried_is_saved_and_taken_back(cloudy_desk, tmp_path):
     worker.engine.set_masks("", SKIN)
     worker.engine.set_masks("cam1", {"roi": (10, 5, 60, 50)})
     worker.engine.set_masks("cam0", {"cr": (140, 170)})
-    worker.engine.save_masks()
+    worker.engine.save_to_file("masks")
     masks_told(listener, lambda c: c.cameras[1].roi and not c.unsaved)
     text = (folder / "session.toml").read_text()
     assert text.startswith("# a comment that stays\n")
@@ -83,10 +83,10 @@ def test_what_is_tried_is_saved_and_taken_back(cloudy_desk, tmp_path):
     eventually(lambda: not worker.document.unsaved("masks"))
     worker.engine.set_masks("", {"method": "background_median"})
     eventually(lambda: len(worker.document.unsaved("masks")) == 2)
-    worker.engine.restore_masks()
+    worker.engine.restore_from_file("masks")
     eventually(lambda: not worker.document.unsaved("masks"))
     worker.engine.set_masks("cam0", {"y_min": 90})
-    worker.engine.save_masks()
+    worker.engine.save_to_file("masks")
     eventually(lambda: "y_min = 90" in (folder / "session.toml").read_text())
     assert len(versions(folder / "session.toml")) == 2
 
@@ -94,7 +94,7 @@ def test_what_is_tried_is_saved_and_taken_back(cloudy_desk, tmp_path):
 def test_a_stroke_becomes_a_file_and_is_undone(cloudy_desk, tmp_path):
     (worker, listener), folder = cloudy_desk, tmp_path
     worker.engine.set_masks("", SKIN)
-    worker.engine.save_masks()
+    worker.engine.save_to_file("masks")
     worker.engine.want_masks(True)
     stroke(worker)
     listener.wait(
@@ -187,7 +187,7 @@ def test_files_are_said_to_be_files_and_stay(tmp_path):
     eventually(lambda: file_of(folder).is_file())
     assert mask.read_bytes() == before
     worker.engine.set_masks("cam0", SKIN)
-    worker.engine.save_masks()
+    worker.engine.save_to_file("masks")
     eventually(lambda: "skin_ycrcb" in settings.read_text())
     assert "mask_unknown" not in settings.read_text()
     Session.open(folder)

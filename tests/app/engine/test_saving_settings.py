@@ -36,7 +36,7 @@ def test_while_tracking_runs_nothing_is_saved(bench):
     path.write_text(TEXT)
     bench.engine.set_setting("cloud.weight", 2.0)
     bench.engine.track(0, 12, 3)
-    bench.engine.save_settings()
+    bench.engine.save_to_file("setting")
     said = bench.layout.messages
     eventually(lambda: "fixed while tracking" in said.said.content)
     assert path.read_text() == TEXT
@@ -44,8 +44,8 @@ def test_while_tracking_runs_nothing_is_saved(bench):
 
 def test_the_file_before_is_kept_and_the_journal_gives_way(store):
     path = store.folder / "session.toml"
-    saving.save_settings(store)
-    saving.save_settings(store)  # which has them already
+    saving.save(store, "setting")
+    saving.save(store, "setting")  # which has them already
     (kept,) = versions(path)
     assert kept.read_text() == TEXT
     again = opened(store.folder)  # what stands in session.toml may be edited there from now on
@@ -62,7 +62,7 @@ def test_a_file_that_cannot_be_changed_is_left_alone_and_nothing_is_lost(store, 
         locked = PermissionError(13, "Permission denied", str(path))
         monkeypatch.setattr(toml_edit, "replace_text", Mock(side_effect=locked))
     with pytest.raises(HandtrackError):
-        saving.save_settings(store)
+        saving.save(store, "setting")
     assert (path.read_text() if path.exists() else None) == text
     again = opened(store.folder)
     assert again.document.run.settings.solver.iterations == 7
@@ -106,7 +106,7 @@ def test_clouds_are_saved_key_by_key(tmp_path):
     skin = SkinEllipse((0.4, 0.3), (0.001, 0.0, 0.002), 3.0)
     changed = document.clouds.with_values({"voxel_m": None, "skin": skin, "near_m": False})
     did(store, edits.clouds(changed))
-    saving.save_clouds(store)
+    saving.save(store, "clouds")
     expected = document.clouds.with_values({"per_voxel": 3})
     assert read_session_file(path).clouds == expected
     assert "voxel_m" not in path.read_text()

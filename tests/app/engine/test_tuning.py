@@ -6,27 +6,10 @@ from types import SimpleNamespace
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack import TrackerSettings
-from handtrack.session.session_state import decide
 from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine import tuning_service
-from handtrack_app.engine.store import edits
-from handtrack_app.page.panels.settings import to_be_said
 from handtrack_app.protocol import snapshots
-from tests.app.opened import did, opened
 from tests.app.waiting import eventually
-
-
-def test_the_command_line_is_told_no_more_than_it_needs(tmp_path):
-    store = opened(tmp_path)
-    document, own = store.document, store.document.saved.setting
-    for name, value in (("keypoints.weight", 0.0), ("edges.sigma_px", 3.0)):
-        did(store, decide(setting={name: value}))
-    did(store, edits.method(document, "paper2004"))  # which sets one of them to what it is then
-    did(store, decide(setting={"solver.iterations": 20}))
-    said = to_be_said(document.run.settings.flat(), own)
-    assert said == {"method": "paper2004", "edges.sigma_px": 3.0, "solver.iterations": 20}
-    assert TrackerSettings().with_values(said) == document.run.settings
 
 
 def test_experts_choose_method_distance_and_sharpness_on_the_page(bench, wire):

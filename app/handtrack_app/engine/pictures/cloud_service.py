@@ -22,7 +22,6 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.run import TrackingRun
-from handtrack.session.session_state import decide
 from handtrack.session.sources.skin_samples import painted_skin
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
@@ -38,7 +37,7 @@ from handtrack_app.engine.pictures.camera_pictures import (
     stereo_words,
 )
 from handtrack_app.engine.service import PreviewService
-from handtrack_app.engine.store import edits, saving
+from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
     CloudPicture,
@@ -305,16 +304,6 @@ class CloudService(PreviewService):
             self.publish(Notice("done", "Skin colour updated", words))
 
         self.opened.change(change)
-
-    @Command(edits=True)
-    def restore_clouds(self) -> None:
-        """Go back to the settings of [clouds] as session.toml has them."""
-        self._do("Filters of session.toml", lambda: decide(clouds=None))
-
-    @Command(edits=True, files=True)
-    def save_clouds(self) -> None:
-        """Write the settings of [clouds] into session.toml."""
-        self._save(saving.save_clouds, "Clouds' settings saved")
 
 
 def skin_in_force(

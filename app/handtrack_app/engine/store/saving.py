@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 from handtrack.capture.masks.segmentation import mask_method_table
@@ -16,8 +15,9 @@ from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_FILE
 from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes.take_recorder import file_digest
-from handtrack_app.engine.document import FileKind, usual_values
+from handtrack_app.engine.document import usual_values
 from handtrack_app.engine.store.persistence import Persistence, whole_track
+from handtrack_app.protocol.snapshots import FileKind
 
 _SETTINGS = "a session's settings"
 
@@ -56,50 +56,28 @@ def _keep_hand_size(store: Persistence) -> str:
     return f" The fitted size is kept in {HAND_FILE}."
 
 
-def save_settings(store: Persistence) -> str:
-    """Write the settings that were changed into session.toml; return a sentence about it."""
-    return _save_table(store, "setting", "tracking", store.document.settings.setting)
+_TABLES = {"setting": "[tracking]", "clouds": "[clouds]", "masks": "Masks"}
 
 
-def save_clouds(store: Persistence) -> str:
-    """Write the settings of [clouds] into session.toml; return a sentence about it."""
-    clouds = store.document.clouds
-    if clouds is None:
-        raise HandtrackError("This session has no clouds whose settings could be saved.")
-    return _save_table(store, "clouds", "clouds", clouds.table)
-
-
-def _save_table(
-    store: Persistence, kind: FileKind, table: str, values: Mapping[str, object]
-) -> str:
-    changed = store.document.unsaved(kind)
-    changes = {f"{table}.{name}": values.get(name) for name in changed}
-    return _save(store, kind, changes, f"[{table}] of session.toml: {', '.join(changed)}.")
-
-
-def save_masks(store: Persistence) -> str:
-    """Write where masks come from into session.toml; return a sentence about it."""
-    document, changes = store.document, dict[str, object]()
-    now, saved, unsaved = document.masks, document.saved.masks, document.unsaved("masks")
-    for number, camera in enumerate(document.run.session.file.cameras):
-        if (name := camera.name) in unsaved:
-            changes |= _mask_changes(f"camera.{number}", now[name], saved[name])
-            changes[f"camera.{number}.mask_unknown"] = camera.mask_unknown
-    return _save(store, "masks", changes, f"Masks of {', '.join(unsaved)} in session.toml.")
-
-
-def _save(store: Persistence, kind: FileKind, changes: Mapping[str, object], said: str) -> str:
-    """Write what was changed of a kind into session.toml, which says it from now on; return said, and a sentence about the file
-    before.
-    """
+def save(store: Persistence, kind: FileKind) -> str:
+    """Write what was changed of a kind into session.toml, which says it from now on; return a sentence about it."""
     store.check()
-    if not changes:
+    document, table = store.document, _TABLES[kind]
+    now, saved, unsaved = document.settings, document.saved.masks, document.unsaved(kind)
+    if not unsaved:
         return "session.toml has these settings already."
-    kept, document = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS), store.document
+    changes = dict[str, object]()
+    if kind != "masks":
+        changes = {f"{table[1:-1]}.{name}": now.table(kind).get(name) for name in unsaved}
+    for number, camera in enumerate(document.run.session.file.cameras):
+        if (name := camera.name) in unsaved and kind == "masks":
+            changes |= _mask_changes(f"camera.{number}", now.masks[name], saved[name])
+            changes[f"camera.{number}.mask_unknown"] = camera.mask_unknown
+    kept = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS)
     document.saved = replace(document.saved, **{kind: getattr(document.settings, kind)})
     store.leave_to_the_file(kind)
     store.flush()
-    return f"{said}{kept}"
+    return f"{table} of session.toml: {', '.join(unsaved)}.{kept}"
 
 
 def _mask_changes(place: str, now: MaskChoice, saved: MaskChoice) -> dict[str, object]:

@@ -114,9 +114,7 @@ class CloudPanel:
                     "Computes the session's clouds from these two cameras, in place of any pair before.", visible=False,
                 )  # fmt: skip
         self.saved = SavedSettings(
-            page, page.engine.save_clouds, page.engine.restore_clouds, "Back to session.toml",
-            "Changes only the table [clouds]; the previous file stays in versions/.",
-            "Discards unsaved changes.",
+            page, "clouds", "the table [clouds]", "Discards unsaved changes."
         )  # fmt: skip
 
     def _add(self, *names: str) -> None:

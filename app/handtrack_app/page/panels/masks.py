@@ -83,9 +83,7 @@ class MaskPanel:
                 "No box", lambda: self._set("roi", None, one=True), "x", visible=False
             )
         self.saved = SavedSettings(
-            page, page.engine.save_masks, page.engine.restore_masks, "Back to what is saved",
-            "Changes only the cameras' masks and roi; the previous file stays in versions/.",
-            "Discards unsaved changes; corrections stay.",
+            page, "masks", "the cameras' masks and roi", "Discards unsaved changes; corrections stay."
         )  # fmt: skip
         self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
@@ -15,7 +15,6 @@ import viser
 
 from handtrack.model.shape import ShapeNumber
 from handtrack.setting import Setting
-from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import SETTINGS
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, text
@@ -26,6 +25,7 @@ from handtrack_app.protocol.snapshots import (
     IMAGES,
     KEYPOINTS,
     SILHOUETTES,
+    FileKind,
     PoseSnapshot,
     SessionSnapshot,
 )
@@ -114,15 +114,17 @@ def in_file(known: Setting, shown: float) -> float | int | bool:
 class SavedSettings:
     """What is not in session.toml yet, with buttons to save it and to go back, where the page builds now."""
 
-    def __init__(
-        self, page: Page, save: Callable[[], object], restore: Callable[[], object], back: str,
-        save_hint: str, back_hint: str,
-    ) -> None:  # fmt: skip
+    def __init__(self, page: Page, kind: FileKind, what: str, back_hint: str) -> None:
+        """what: is saved, in words."""
+        engine = page.engine
         self.words = page.gui.add_html("", visible=False)
         self.save = page.button(
-            "Save to session.toml", save, "device-floppy", save_hint, visible=False
-        )
-        self.back = page.button(back, restore, "restore", back_hint, visible=False)
+            "Save to session.toml", partial(engine.save_to_file, kind), "device-floppy",
+            f"Changes only {what}; the previous file stays in versions/.", visible=False,
+        )  # fmt: skip
+        self.back = page.button(
+            "Back to session.toml", partial(engine.restore_from_file, kind), "restore", back_hint, visible=False
+        )  # fmt: skip
 
     def show(self, words: str) -> None:
         """Show what is not saved, in words (HTML); nothing where all is."""
@@ -159,17 +161,14 @@ class SettingsPanel:
                 put(self.explanations[name], content=text(words))
         self._show_what_counts(session)
         self.shape.fit(session)
-        changed = to_be_said(session.settings, session.own_settings) if self.changed else {}
-        self.saved.show(_changed_words(changed))
+        self.saved.show(escaped("Changed here (•), kept with your work.") if self.changed else "")
 
     def __post_init__(self) -> None:
         page, gui, session = self.page, self.page.gui, self.session
         with self.tab:
             self.refits.build()
             self.saved = SavedSettings(
-                page, page.engine.save_settings, self._restore, "Back to session.toml",
-                "Changes only these settings in the table [tracking]; the previous file stays in versions/.",
-                "Undo brings the changes back.",
+                page, "setting", "these settings in the table [tracking]", "Undo brings the changes back."
             )  # fmt: skip
             for title, settings in CONTROLS.items():
                 known = [s for s in settings if s.name in session.settings]
@@ -205,11 +204,6 @@ class SettingsPanel:
         own = self.session.own_settings
         return {n: v for n, v in self.session.settings.items() if n in own and own[n] != v}
 
-    def _restore(self) -> None:
-        for name in self.changed:
-            own = self.session.own_settings[name]
-            self.page.engine.set_setting(name, own, "Settings of session.toml")
-
     def _add(self, setting: Setting) -> None:
         set_it = self.page.engine.set_setting
         self.controls[setting.name] = SettingWidget(
@@ -217,39 +211,6 @@ class SettingsPanel:
         )
         if setting.explanations:
             self.explanations[setting.name] = self.page.gui.add_html("")
-
-
-def to_be_said(now: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
-    """Return what must be given to the command line: what differs, but for what each has by its method alone."""
-    usual, before = (METHODS[str(one["method"])].values for one in (now, own))
-    return {
-        name: value
-        for name, value in now.items()
-        if value != own[name]
-        and (
-            value != usual.get(name, SETTINGS[name].default)
-            or own[name] != before.get(name, SETTINGS[name].default)
-            or name == "method"
-        )
-    }
-
-
-def _changed_words(changed: dict[str, object]) -> str:
-    """Return which settings were changed here, as the command line takes them."""
-    if not changed:
-        return ""
-    options = " ".join(f"--set {name}={_plain(value)}" for name, value in changed.items())
-    return text(
-        "Changed here (•), kept with your work. "
-        f"For one run of <code>handtrack track</code>:<br><code>{html.escape(options)}</code>",
-        faint=False,
-    )
-
-
-def _plain(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 @dataclass
