@@ -72,6 +72,11 @@ def pictures(shown: Mapping[str, str], kind: str = "") -> str:
     return f"<div class='handtrack-pictures {kind}'>{figures}</div>"
 
 
+def sheet(frame: int, images: Mapping[str, Bytes[H, W, D3]]) -> str:
+    """Return the cameras' small pictures of a frame side by side."""
+    return pictures({f"{name} {frame}": picture(one, name) for name, one in images.items()})
+
+
 def card(name: str, lines: Iterable[str], picture: str = "", kind: str = "") -> str:
     """Return a card of plain words; the button after it lies over it. picture: HTML. kind: a class for the style sheet."""
     words = "".join(f"<div>{html.escape(line)}</div>" for line in lines)

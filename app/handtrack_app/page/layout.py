@@ -78,7 +78,6 @@ class PageLayout:
         self.saved = ""
         self.head = gui.add_html(head(None, self.progress))
         self.aside = gui.add_html(_ASIDE, visible=False)
-        self.failure = gui.add_markdown("", visible=False)
         self.again = page.button("Start again", start_again, "refresh", color=None, visible=False)
         self.messages = Messages(page)
         self.others = leave_button(page)
@@ -87,7 +86,7 @@ class PageLayout:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
         page.subscribe(ProgressSnapshot, self.show_progress)
-        page.subscribe(Notice, self.show_notice)
+        page.subscribe(Notice, lambda told: page.notify(told.level, told.title, told.text))
 
     def build(
         self, stage: Stage, session: SessionSnapshot, shown: PoseSnapshot, strip: TimelineSnapshot
@@ -223,9 +222,7 @@ class PageLayout:
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
         self.progress = progress
-        failed = progress.state == "failed"
-        put(self.again, visible=failed)
-        put(self.failure, visible=failed and bool(self.failure.content))
+        put(self.again, visible=progress.state == "failed")
         self._show_head()
 
     def show_work(self, work: WorkSnapshot) -> None:
@@ -240,12 +237,6 @@ class PageLayout:
         for client in self.page.server.get_clients().values() if notice.level == "error" else ():
             if self.room.tastes.get(client.client_id, Taste()).folded:
                 self.room.fold(client, folded=False)
-
-    def show_notice(self, notice: Notice) -> None:
-        """Tell what is said, and keep the reason of a session that cannot be opened for those who come later."""
-        self.page.notify(notice.level, notice.title, notice.text)
-        if self.progress.state == "failed" and notice.level == "error":
-            put(self.failure, content=f"**{notice.title}**\n\n{notice.text}", visible=True)
 
 
 # ---- What was said to the user: it stays to be read; and what is to be done or known stands until it is put away

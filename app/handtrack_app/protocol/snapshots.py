@@ -526,6 +526,8 @@ class CloudSelection:
     wide: bool = False
     pair: tuple[str, str] | None = None
     """cameras of the stereo preview; None: the session's first pair"""
+    surface: bool = False
+    """the one that the solver fits to clouds"""
 
 
 @dataclass(frozen=True)

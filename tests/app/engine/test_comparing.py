@@ -12,7 +12,9 @@ def track(bench, first, number):
     bench.engine.track(first, FRAMES, first)
     takes = bench.layout.takes
     eventually(
-        lambda: takes.numbers[:1] == (str(number),) and bench.layout.progress.state == "idle",
+        lambda: (
+            takes.chosen.options[:1] == (str(number),) and bench.layout.progress.state == "idle"
+        ),
         f"take {number}",
     )
 

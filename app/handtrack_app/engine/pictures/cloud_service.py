@@ -228,7 +228,7 @@ def _cameras(moment: RenderInput) -> tuple[str, ...]:
 class CloudService(PreviewService):
     """Clouds, and the surface that the solver fits to them."""
 
-    _wanted, _surface = CloudSelection(), False
+    _wanted = CloudSelection()
 
     @cached_property
     def _maker(self) -> CloudRenderer:
@@ -237,14 +237,8 @@ class CloudService(PreviewService):
     # ---- showing
 
     @Command(view=True, latest=())
-    def want_surface(self, on: bool) -> None:
-        """Show the solver's surface or not."""
-        self._surface = on
-        self.show()
-
-    @Command(view=True, latest=())
     def want_cloud(self, view: CloudSelection) -> None:
-        """Show this of clouds from now on."""
+        """Show this of clouds, and of the solver's surface, from now on."""
         self._wanted = view
         self.show()
 
@@ -256,12 +250,12 @@ class CloudService(PreviewService):
     @property
     def is_wanted(self) -> bool:
         """Whether the page looks at something that there is."""
-        return self._surface or self._wants_cloud or self._wanted.picture == "stereo"
+        return self._wanted.surface or self._wants_cloud or self._wanted.picture == "stereo"
 
     def _show(self, hurried: bool) -> None:
         cloud, stereo = self._wants_cloud, self._wanted.picture == "stereo"
         moment, maker = self._moment(), self._maker
-        if self._surface and not hurried and "metaballs" in moment.run.model.ellipsoids:
+        if self._wanted.surface and not hurried and "metaballs" in moment.run.model.ellipsoids:
             self.opened.render_thread.ask("surface", lambda: maker.surface(moment))
         if cloud and self._wanted.points:
             self.opened.render_thread.ask("cloud", lambda: maker.cloud(moment))

@@ -13,7 +13,7 @@ import viser
 
 from handtrack.setting import Setting
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.html import escaped, picture, pictures, text
+from handtrack_app.page.html import escaped, sheet, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.settings import SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
@@ -146,10 +146,7 @@ class MaskPanel:
     def show(self, masks: MaskPicture) -> None:
         """Show the masks of a frame."""
         if masks.small and self.page.state.display.masks:
-            named = {
-                f"{name} {masks.frame}": picture(one, name) for name, one in masks.small.items()
-            }
-            put(self.sheet, content=pictures(named), visible=True)
+            put(self.sheet, content=sheet(masks.frame, masks.small), visible=True)
         self.wrong.content = escaped(masks.words)
         self.correcting.show_corrections(masks.corrected)
 

@@ -308,6 +308,7 @@ def live_table(live: LiveSnapshot) -> str:
 
 
 _MOST = 40  # of the list; `handtrack takes` has all
+_NO_TAKES: tuple[str, ...] = ("–",)
 
 
 @dataclass
@@ -316,16 +317,14 @@ class TakesPanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    folder: viser.GuiFolderHandle | None = None
-    numbers: tuple[str, ...] = ()
 
-    def _build(self, numbers: tuple[str, ...]) -> None:
+    def __post_init__(self) -> None:
         page, gui = self.page, self.page.gui
         with self.tab:
-            self.folder = gui.add_folder("Takes", expand_by_default=False)
+            self.folder = gui.add_folder("Takes", expand_by_default=False, visible=False)
         with self.folder:
             self.list = gui.add_html("")
-            self.chosen: viser.GuiDropdownHandle[str] = gui.add_dropdown("Take", numbers)
+            self.chosen = gui.add_dropdown("Take", _NO_TAKES)
             self.back = page.button(
                 "Restore this take", self._restore, "restore",
                 "Makes it the current track again, except in accepted frames. Undo reverts that; nothing is overwritten.",
@@ -339,16 +338,12 @@ class TakesPanel:
 
     def show(self, work: WorkSnapshot) -> None:
         """Show the takes that there are."""
-        if not work.takes:
-            return
         numbers = tuple(str(card.number) for card in work.takes[:_MOST])
-        if self.folder is None:
-            self._build(numbers)
-        elif numbers != self.numbers:
+        if numbers and numbers != self.chosen.options:
             self.chosen.options = numbers
             self.chosen.value = numbers[0]
         put(self.list, content=takes_table(work))
-        self.numbers = numbers
+        put(self.folder, visible=bool(numbers))
 
 
 def takes_table(work: WorkSnapshot) -> str:

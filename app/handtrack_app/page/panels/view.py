@@ -12,7 +12,7 @@ from functools import partial
 import viser
 
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.html import bar, bordered, picture, pictures
+from handtrack_app.page.html import bar, bordered, sheet
 from handtrack_app.page.page import Page, put, remembered
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.looking import ALL, Looking, Through
@@ -127,10 +127,7 @@ class SessionPanel:
         """Show what the cameras see, side by side."""
         wanted = self.page.state.display.images
         if wanted and made.thumbnails:
-            named = {
-                f"{name} {made.frame}": picture(one, name) for name, one in made.thumbnails.items()
-            }
-            put(self.sheet, content=pictures(named))
+            put(self.sheet, content=sheet(made.frame, made.thumbnails))
         put(self.sheet, visible=wanted)
 
     def _look(self, client: viser.ClientHandle, chosen: str) -> None:

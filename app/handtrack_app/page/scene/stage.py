@@ -157,13 +157,12 @@ class Stage:
         """Return which pictures, and what of surface and clouds, the display options need: the engine's commands and arguments."""
         display = self.page.state.display
         paint = "field" if display.field else display.paint
+        surface = display.surface and not self.page.state.playing
         cloud = CloudSelection(
-            display.cloud, display.cloud_picture,
-            display.cloud_wide, display.stereo_pair,
-        )  # fmt: skip
+            display.cloud, display.cloud_picture, display.cloud_wide, display.stereo_pair, surface
+        )
         return {
             "want_pictures": (display.images, paint, self.looking.pictures(self.display.field)),
-            "want_surface": (display.surface and not self.page.state.playing,),
             "want_cloud": (cloud,),
             "want_masks": (display.masks,),
         }
