@@ -85,7 +85,11 @@ class Help:
         with self.page.dialog(client, "Keys and gestures"):
             search = client.gui.add_text("Search", "")
             listed = client.gui.add_html(self.table())
-        search.on_update(lambda event: put(listed, content=self.table(str(event.target.value))))
+
+        @search.on_update
+        def _(event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
+            if self.page.shows_dialog(client):  # what was typed last may come after its end
+                put(listed, content=self.table(event.target.value))
 
     def table(self, wanted: str = "") -> str:
         """Return gestures and keys, or those of them that hold some words."""

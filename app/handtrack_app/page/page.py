@@ -277,6 +277,10 @@ class Page:
             opened.close()
         return opened is not None
 
+    def shows_dialog(self, client: viser.ClientHandle) -> bool:
+        """Return whether a page has a dialog open."""
+        return client.client_id in self._dialogs
+
     def present(self, by_client: dict[int, Kept]) -> dict[int, Kept]:
         """Return what is kept of pages that are still there."""
         here = self.server.get_clients()
