@@ -71,8 +71,7 @@ class CloudPanel:
         if not card.source:
             self.counts.content = ""
         self._offer_pictures(card)
-        changed = ", ".join(card.unsaved)
-        self.saved.show(escaped(f"Not in session.toml yet: {changed}.") if changed else "")
+        self.saved.show(card.unsaved)
         self.note.content = _note(card)
 
     def _build(self, card: CloudCard) -> None:

@@ -45,8 +45,7 @@ class MaskPanel:
         self.card = card = session.masks
         self._show_chosen()
         self.note.content = escaped(card.words)
-        changed = ", ".join(card.unsaved)
-        self.saved.show(escaped(f"Not in session.toml yet: masks of {changed}.") if changed else "")
+        self.saved.show(f"masks of {name}" for name in card.unsaved)
 
     def _build(self, card: MaskCard) -> None:
         page, gui = self.page, self.page.gui

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
@@ -126,11 +126,12 @@ class SavedSettings:
             "Back to session.toml", partial(engine.restore_from_file, kind), "restore", back_hint, visible=False
         )  # fmt: skip
 
-    def show(self, words: str) -> None:
-        """Show what is not saved, in words (HTML); nothing where all is."""
-        put(self.words, content=words)
+    def show(self, names: Iterable[str]) -> None:
+        """Show the names of what is not saved; nothing where all is."""
+        named = ", ".join(names)
+        put(self.words, content=escaped(f"Not in session.toml yet: {named}."))
         for widget in (self.words, self.save, self.back):
-            put(widget, visible=bool(words))
+            put(widget, visible=bool(named))
 
 
 @dataclass
@@ -161,7 +162,7 @@ class SettingsPanel:
                 put(self.explanations[name], content=text(words))
         self._show_what_counts(session)
         self.shape.fit(session)
-        self.saved.show(escaped("Changed here (•), kept with your work.") if self.changed else "")
+        self.saved.show(self.changed)
 
     def __post_init__(self) -> None:
         page, gui, session = self.page, self.page.gui, self.session
