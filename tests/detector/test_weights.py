@@ -49,9 +49,8 @@ def test_what_is_no_such_file_is_refused(tmp_path):
         (task(tmp_path / "half.task", NAMES[:1]), f"there is no {NAMES[1]} in it"),
         (tmp_path, "is a folder"),
     ):
-        with pytest.raises(HandtrackError, match=expected) as error:
+        with pytest.raises(HandtrackError, match=expected):
             read_weights(path)
-        assert "\n" not in str(error.value)
     with pytest.raises(HandtrackError, match="no such file"):
         read_weights(tmp_path / "nothing.task")
 
