@@ -391,10 +391,9 @@ class TrackingRun:
         pinned: Mapping[int, Floats[P]] | None = None,
     ) -> list[FrameResult]:
         """Return tracked frames refined together; see tracking.sequence.refine_recording."""
-        tracker = self.tracker
-        if held or pinned:  # poses were set for this person
-            tracker = replace(tracker, subject=None)
-        return refine_recording(tracker, self.observation, tracked, control, held, changed, pinned)
+        return refine_recording(
+            self.tracker, self.observation, tracked, control, held, changed, pinned
+        )
 
     def _prepare(self, frame: int) -> None:
         """Read what a frame's observation will need whatever the pose; it stays in the session's memory."""

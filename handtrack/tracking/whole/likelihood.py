@@ -24,6 +24,7 @@ from handtrack.observation.pins import ImagePins
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
 from handtrack.tracking.frame.control import Control, Observe
 from handtrack.tracking.frame.depth_flips import only_camera
@@ -54,6 +55,9 @@ _LONGEST = 0.9
 
 _IN_STEP = 0.1
 """frames that a camera may be late by and counts as in step beside a correction: a camera at a time of its own takes twice as long"""
+
+_SET_RAD, _SET_M = np.deg2rad(3.0), 0.003
+"""standard deviations of what a person sets: a finger's tip to some millimetres"""
 
 MOSTLY_NEW = 0.5
 """share of a frame that is new from which its errors hardly last: those of joints are correlated by less than a third"""
@@ -158,6 +162,8 @@ class RecordingLikelihood:
     """of each frame that was read, by camera, and of its cloud"""
     known: tuple[CameraError, ...] = ()
     """of cameras that stay as an earlier estimate found them"""
+    held: Mapping[int, Floats[P]] = field(default_factory=dict)
+    """solver parameters by frame of poses that a person set: they are there as exactly as a hand sets them"""
     _held: OrderedDict[int, FrameLikelihood] = field(init=False, default_factory=OrderedDict)
 
     def of(self, frame: int) -> FrameLikelihood:
@@ -252,6 +258,11 @@ class RecordingLikelihood:
                 own = {name: by for name, by in own.items() if abs(by) > _IN_STEP}
             terms = at_camera_times(terms, own, pose, speed)
         terms = _corrected(terms, self.known)
+        if frame in self.held:
+            sigma = np.full(len(model.parameter_names), _SET_RAD)
+            sigma[:3] = _SET_M
+            pull = GaussianPrior(model.joint_params(self.held[frame]), sigma, "keyframe")
+            terms = replace(terms, priors=(*terms.priors, pull))
         terms = terms.sharpened(bones)
         if self.outline_mm and terms.prepared:
             terms = terms.with_outlines(self.outline_mm)

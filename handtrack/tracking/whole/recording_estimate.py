@@ -165,7 +165,7 @@ def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> Recordi
     )
     around = dict(zip(numbers, poses, strict=True))
     likelihood = RecordingLikelihood(
-        recording.model, recording.settings, recording.observe, around, frame_seconds(tracked), silent=lost,
+        recording.model, recording.settings, recording.observe, around, frame_seconds(tracked), silent=lost, held=recording.keyframes,
     )  # fmt: skip
     outlines = measured_outlines(likelihood, [numbers[n] for n in found], poses[found])
     likelihood = replace(likelihood, outline_mm=outlines)

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from handtrack import Session, Status, TrackingRun, read_npz, track_session
 from handtrack.session.posed_frames import posed_frames
 from handtrack.session.session_state import decide
-from handtrack.session.track_session import Ended
+from handtrack.session.track_session import Ended, request_for
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.protocol.snapshots import Hold
 from tests.app.command_line import small_recording
@@ -72,6 +73,9 @@ def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_ac
         for name in ("frame", "status", "parameters", "parameter_std", "joint_covariance"):
             assert getattr(track, name).tobytes() == getattr(expected, name).tobytes(), name
     assert expected.parameters[1].tobytes() == before.parameters.tobytes(), "it was accepted"
+    request = request_for(run)
+    *_, alone = track_session(run, replace(request, fixed={2: request.fixed[2]}))
+    assert alone.run.scale != end.run.scale == request.run.scale, "whom an accepted frame shows"
 
 
 def test_an_arm_that_the_first_frame_hides_is_tracked_by_in_the_workbench_too(tmp_path):
