@@ -141,6 +141,7 @@ def test_clean_cameras_are_left_alone_and_predicted_at_the_time_of_each_of_their
     assert mean_off_mm(whole, TRUTH) < 0.7
     assert all(not any(one.turn_deg) for one in found.cameras)
     assert all(abs(one.late_frames) < 0.05 for one in found.cameras)
+    assert found.why == "converged"
     assert found.scale is None
 
 

@@ -42,7 +42,7 @@ def test_the_layout_is_recognised_and_points_are_kept(form, tmp_path):
     points = {f: in_pixels(p, SIZE) if given.bodies.is_share else p for f, p in person.items()}
     write_joints(points, expected, tmp_path / "joints")
     rows = LAYOUTS[expected].points
-    assert np.square([*rows.values()]).sum() == SQUARES[expected], "rows as detectors have them"
+    assert np.square([*rows.values()]).sum() == SQUARES[expected]
     known = rows.keys() - {"chest", "head", "left_hand", "right_hand"}  # which no file has
     for frame, seen in enumerate(pixels()):
         read = read_openpose(tmp_path / f"joints/{frame:06d}.json", LAYOUTS[expected])
