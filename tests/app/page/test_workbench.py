@@ -216,7 +216,7 @@ def test_a_setting_is_marked_undone_saved_and_brought_back_to_session_toml(bench
     iterations = panel.controls["solver.iterations"].widget
     usual = iterations.value
     wire.set_value(control, 2.0)
-    eventually(lambda: "--set cloud.weight=2" in saved.words.content)
+    eventually(lambda: "cloud.weight" in saved.words.content)
     eventually(lambda: control.label == "Cloud •" and saved.back.visible)
     wire.set_value(iterations, 7)
     eventually(lambda: iterations.label == "Iterations •")
