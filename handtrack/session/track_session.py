@@ -245,12 +245,12 @@ def refine_frames(
     before = {result.frame: result for result in tracked}
     fixed = {f: run.model.params_within_limits(r.parameters) for f, r in request.fixed.items()}
     guides = {f: run.model.params_within_limits(pose) for f, pose in request.guides.items()}
-    refined = run
+    settings = run.settings
     if any(result.status != Status.KEYFRAME for result in request.fixed.values()):
-        # what was accepted shows this person
-        settings = run.settings.with_values({"model.fit_size": "false"})
-        refined = replace(run, settings=settings)
-    found = refined.refined(tracked, control, fixed, changed, guides)
+        settings = settings.with_values(
+            {"model.fit_size": "false"}
+        )  # accepted frames show this person
+    found = replace(run, settings=settings).refined(tracked, control, fixed, changed, guides)
     refinement = Refinement.read(observer.refinement) if observer.refinement else None
     scale = None if refinement is None else refinement.scale
     results = [result for result in found if result is not before.get(result.frame)]

@@ -50,8 +50,11 @@ class TuningService(Service):
     @Command(edits=True, files=True)
     def save_to_file(self, kind: FileKind) -> None:
         """Write what session.toml does not have of a kind into it."""
-        saved = lambda: Notice("done", "Settings saved", saving.save(self.store, kind))  # noqa: E731
-        self.opened.change(lambda: self.publish(saved()))
+
+        def change() -> None:
+            self.publish(Notice("done", "Settings saved", saving.save(self.store, kind)))
+
+        self.opened.change(change)
 
     @Command(edits=True)
     def restore_from_file(self, kind: FileKind) -> None:

@@ -20,7 +20,7 @@ _LATE_FRAMES = 0.5
 """cameras that run free, each by its own clock, are out of step by up to half a frame; one that dropped frames may be late by any
 number: a Cauchy distribution, under which one camera that is two frames late costs less than three that share it. With 0.1, 0.17 and
 0.38 of half a frame were found of two real cameras, and 0.1 of a frame and a half of a slow hand"""
-_IN_STEP = 0.1
+IN_STEP = 0.1
 """frames by which time offsets that are found of cameras in step differ: those that differ by more have no time in common"""
 _COMMON_ZOOM = 1e-5
 """what all cameras are zoomed by together is the hand's size, or masks that are all too wide, and no camera's: held at nothing"""
@@ -205,7 +205,7 @@ class CameraChanges:
         """By how many frames most cameras are later than expected."""
         if not self.count or not self.free[LATE]:
             return 0.0
-        off = (self.late[:, None] - self.late) / _IN_STEP
+        off = (self.late[:, None] - self.late) / IN_STEP
         return float(self.late[np.log1p(off**2).sum(axis=0).argmin()])
 
     def earlier(self, frames: Ints[C] | float) -> CameraChanges:

@@ -33,7 +33,7 @@ from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, by
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
-from handtrack.tracking.size.cameras import WIDER, CameraChanges, velocities
+from handtrack.tracking.size.cameras import IN_STEP, WIDER, CameraChanges, velocities
 from handtrack.tracking.size.estimate import Shared, WholeEstimate
 from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
 from handtrack.tracking.size.motion import Motion
@@ -52,9 +52,6 @@ _OUTLINES = 16
 """frames in which outlines are measured: a median to some per cent"""
 _LONGEST = 0.9
 """correlation above which few frames can't tell it from 1"""
-
-_IN_STEP = 0.1
-"""frames that a camera may be late by and counts as in step beside a correction: a camera at a time of its own takes twice as long"""
 
 _SET_RAD, _SET_M = np.deg2rad(3.0), 0.003
 """standard deviations of what a person sets: a finger's tip to some millimetres"""
@@ -209,12 +206,12 @@ class RecordingLikelihood:
         """Return what was seen beside a frame: of cameras that are late, later images."""
         seen = self.observe(frame, bones)
         changes = self.cameras
-        ahead_by_name = dict(
-            zip((*changes.names, CLOUD_NAME), (*changes.ahead, changes.cloud_ahead), strict=True)
-        )
         if self.known:
-            ahead_by_name = {name: round(late) for name, late in self._late(seen).items()}
-        for name, ahead in ahead_by_name.items():
+            by_name = {name: round(late) for name, late in self._late(seen).items()}
+        else:
+            names, frames = (*changes.names, CLOUD_NAME), (*changes.ahead, changes.cloud_ahead)
+            by_name = dict(zip(names, frames, strict=True))
+        for name, ahead in by_name.items():
             if ahead:
                 then = frame + ahead
                 later = self.observe(then, bones) if then in self.around else Observation(then, 0.0)
@@ -255,7 +252,8 @@ class RecordingLikelihood:
             if self.known:
                 late = self._late(observation).items()
                 own = {name: later.get(name, 0.0) + round(by) - by for name, by in late}
-                own = {name: by for name, by in own.items() if abs(by) > _IN_STEP}
+                # a camera at a time of its own takes twice as long
+                own = {name: by for name, by in own.items() if abs(by) > IN_STEP}
             terms = at_camera_times(terms, own, pose, speed)
         terms = _corrected(terms, self.known)
         if frame in self.held:

@@ -56,28 +56,31 @@ def _keep_hand_size(store: Persistence) -> str:
     return f" The fitted size is kept in {HAND_FILE}."
 
 
-_TABLES = {"setting": "[tracking]", "clouds": "[clouds]", "masks": "Masks"}
+_TABLES = {"setting": "tracking", "clouds": "clouds"}
 
 
 def save(store: Persistence, kind: FileKind) -> str:
     """Write what was changed of a kind into session.toml, which says it from now on; return a sentence about it."""
     store.check()
-    document, table = store.document, _TABLES[kind]
-    now, saved, unsaved = document.settings, document.saved.masks, document.unsaved(kind)
+    document = store.document
+    now, unsaved = document.settings, document.unsaved(kind)
     if not unsaved:
         return "session.toml has these settings already."
-    changes = dict[str, object]()
-    if kind != "masks":
-        changes = {f"{table[1:-1]}.{name}": now.table(kind).get(name) for name in unsaved}
-    for number, camera in enumerate(document.run.session.file.cameras):
-        if (name := camera.name) in unsaved and kind == "masks":
-            changes |= _mask_changes(f"camera.{number}", now.masks[name], saved[name])
-            changes[f"camera.{number}.mask_unknown"] = camera.mask_unknown
+    if kind == "masks":
+        what, changes = "Masks", dict[str, object]()
+        for number, camera in enumerate(document.run.session.file.cameras):
+            if (name := camera.name) in unsaved:
+                saved = document.saved.masks[name]
+                changes |= _mask_changes(f"camera.{number}", now.masks[name], saved)
+                changes[f"camera.{number}.mask_unknown"] = camera.mask_unknown
+    else:
+        what, values = f"[{_TABLES[kind]}]", now.table(kind)
+        changes = {f"{_TABLES[kind]}.{name}": values.get(name) for name in unsaved}
     kept = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS)
-    document.saved = replace(document.saved, **{kind: getattr(document.settings, kind)})
+    document.saved = replace(document.saved, **{kind: getattr(now, kind)})
     store.leave_to_the_file(kind)
     store.flush()
-    return f"{table} of session.toml: {', '.join(unsaved)}.{kept}"
+    return f"{what} of session.toml: {', '.join(unsaved)}.{kept}"
 
 
 def _mask_changes(place: str, now: MaskChoice, saved: MaskChoice) -> dict[str, object]:
