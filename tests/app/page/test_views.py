@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from handtrack.geometry.rotation import looking_along, rotation_matrix
 from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up
-from handtrack_app.page.scene import looking
+from handtrack_app.page.scene import looking, stage
 from handtrack_app.page.scene import viewpoint as vp
 from handtrack_app.page.scene.looking import CLOSE, plane_of
 from handtrack_app.page.scene.model_view import ball, capsule, rod
@@ -225,6 +225,22 @@ def test_who_walks_out_is_told_and_one_key_leads_back(bench, monkeypatch, wire, 
     eventually(lambda: not page.view.left)
     page.obey()
     assert page.view.follows
+
+
+def test_a_camera_chosen_while_a_free_view_is_sought_stays(bench, monkeypatch, wire, page):
+    sought = stage.hand_view
+
+    def hand_view(*given):
+        page.press("Camera view: front")
+        eventually(lambda: page.view)
+        return sought(*given)
+
+    monkeypatch.setattr(stage, "hand_view", hand_view)
+    client = bench.server.get_clients()[page.number]
+    bench.stage.look(None, client)
+    client.scene.add_frame("/after")
+    eventually(lambda: "/after" in str(wire.messages))
+    assert_allclose(page.told("SetCameraPositionMessage"), page.view.card.centre)
 
 
 def test_a_window_of_another_shape_shows_the_hand_as_well(bench, page):

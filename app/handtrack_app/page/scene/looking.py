@@ -360,6 +360,12 @@ class Views:
                 internals.send(client, messages.SetCameraMinOrbitDistanceMessage(least))
                 self.changed(client, None)
 
+    def look_freely(self, client: viser.ClientHandle, view: Viewpoint) -> None:
+        """Move a page's view, unless it looks through a camera by now."""
+        with self._lock:
+            if client.client_id not in self._through:
+                look_from(client, view)
+
     def show_hand(self, points: Floats[N, D3], radii: Floats[N]) -> None:
         """Take where the hand is: balls, world [m]. Views that follow it turn where it would be cut off."""
         with self._lock:

@@ -41,7 +41,6 @@ from handtrack_app.page.scene.viewpoint import (
     begin_at,
     first_view,
     hand_view,
-    look_from,
     upward,
 )
 from handtrack_app.protocol.snapshots import (
@@ -257,9 +256,9 @@ class Stage:
     def _turn_to(self, hand: Floats) -> None:
         """Look at a hand that was found somewhere (3,) [m]."""
         self.cameras.size(hand)
-        for number, client in self.page.server.get_clients().items():
-            if self.looking.card(number) is None:
-                look_from(client, hand_view(self.session, hand))
+        view = hand_view(self.session, hand)
+        for client in self.page.server.get_clients().values():
+            self.looking.views.look_freely(client, view)
 
     def show_cloud(self, cloud: CloudSnapshot) -> None:
         """Show a frame's cloud."""
@@ -289,7 +288,8 @@ class Stage:
             self.stopped_painting()
         self.looking.set_through(client, camera)
         if camera is None:
-            look_from(client, hand_view(self.session, self.pose.middle, everything))
+            view = hand_view(self.session, self.pose.middle, everything)
+            self.looking.views.look_freely(client, view)
         self.page.redraw()
 
     def paint_on(
