@@ -20,18 +20,11 @@ __all__ = [
     "DragBinding", "DragButton", "FileTransferPart", "GuiModalHandle", "HotkeyKey", "KeyModifier", "Message", "messages",
 ]  # fmt: skip
 
-FROM_PAGES: Mapping[str, type[Message]] = {
-    name: getattr(messages, name)
-    for name in (
-        "ViewerCameraMessage", "GuiUpdateMessage", "LocalStorageGetItemResponseMessage", "CommandTriggerMessage",
-        "ScenePointerMessage", "TransformControlsUpdateMessage", "TransformControlsDragStartMessage",
-        "TransformControlsDragEndMessage", "SceneNodeClickMessage", "SceneNodeDragMessage",
-        "FileTransferStartUpload", "FileTransferPart",
-    )
-}  # fmt: skip
-"""messages of a page that the workbench uses, by the name in which they come. Not among them: forms, buttons held down,
-pictures rendered by the page, public tunnels
-"""
+
+def from_pages(server: viser.ViserServer) -> Mapping[str, type[Message]]:
+    """Return the messages of pages to which a server listens, by name."""
+    kinds = {*server._websock_server._incoming_handlers, messages.ViewerCameraMessage}
+    return {one.__name__: one for one in kinds}
 
 
 # ---- handles

@@ -4,9 +4,9 @@ viser has no log-in and ignores `Origin`. Here each request needs the token: in 
 in the cookie that the page got for it. `Host` must be a name of this machine, so that another site's name made to point here
 does not help; `Origin` must be the same place.
 
-Whoever has the token may do what the user can, so messages are limited only against faults: in size, number and rate; to the
-kinds that a page sends, with finite numbers; to widgets and nodes that exist; and to the value of a widget, of its kind and
-within its limits. viser itself sets whatever attribute a client names and fails on numbers too large for its wire.
+Whoever has the token may do what the user can, so messages are limited only against faults: in size, number and rate; to what
+viser listens to, as it declares it, with finite numbers; to widgets and nodes that exist; and to the value of a widget, of its
+type and within its limits. viser itself sets whatever attribute a client names and fails on numbers too large for its wire.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import time
 import webbrowser
 from collections.abc import Awaitable, Callable, Hashable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import partial
 from http import HTTPStatus
 from typing import Any
@@ -55,9 +55,6 @@ _MOST_FILES = 4
 """whose beginning came and not yet the rest"""
 _LARGEST_NUMBER = 1e9
 """far below what 64 bits hold"""
-_LONGEST_TEXT, _LONGEST_LIST, _DEEPEST = 4096, 64, 4
-_MOST_VALUES = 2000
-"""widgets whose last value is kept; the page has about 200"""
 RATE, BURST = 200.0, 400.0
 """messages a second, and at once. viser's page sends at most 20 values, 20 drags, 50 clicks and 50 cameras a second"""
 MOST_READ, MOST_READ_AT_ONCE = 1000.0, 4000.0
@@ -269,74 +266,60 @@ class MessageFilter:
             raise Rejected("text")
         try:
             content = msgspec.msgpack.decode(raw)
-            declared: Any = internals.FROM_PAGES[content.pop("type")]
-            if content.keys() - {one.name for one in fields(declared)}:
-                raise Rejected("unknown fields")
-            file = {"content": content.pop("content")} if declared is internals.FileTransferPart else {}  # fmt: skip
-            if not all(isinstance(one, bytes) for one in file.values()):
-                raise Rejected("no file")
-            if len(raw) > LARGEST_MESSAGE + sum(map(len, file.values())):
-                raise Rejected("a message of this size")
-            has_own_limits = declared.__name__.startswith(("GuiUpdateMessage", "FileTransfer"))
-            _check_sizes(content, math.inf if has_own_limits else _LARGEST_NUMBER)
-            content |= file
-            message: Any = msgspec.convert(content, declared)
-        except (
-            msgspec.MsgspecError, UnicodeDecodeError, RecursionError, KeyError, AttributeError, TypeError,
-        ) as error:  # fmt: skip
+            declared = internals.from_pages(self.server)[content["type"]]
+            message: Any = msgspec.msgpack.decode(raw, type=declared)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, KeyError, TypeError) as error:  # fmt: skip
             raise Rejected(repr(error)) from None
+        if not content.keys() <= {"type", *vars(message)}:
+            raise Rejected("unknown fields")
+        if len(raw) > LARGEST_MESSAGE + len(getattr(message, "content", b"")):
+            raise Rejected("a message of this size")
+        if isinstance(
+            message, internals.messages.FileTransferStartUpload | internals.FileTransferPart
+        ):
+            return object(), self._file(message, client)
+        if not all(map(_is_finite, vars(message).values())):
+            raise Rejected("a number out of range")
+        if not any(getattr(message, "wxyz", (1,))):
+            raise Rejected("a pose without a direction")
         page = None if client is None else self.server.get_clients().get(client)
-        names = (getattr(message, one, "") for one in ("uuid", "source_component_uuid", "name"))
-        name = next(filter(None, names), "")
-        kind: Hashable = object()  # unlike any other: each of these counts
-        match declared.__name__:
-            case "GuiUpdateMessage":
-                private = {} if page is None else internals.widgets(page)
-                widget = internals.widgets(self.server).get(name) or private.get(name)
-                value = self._value(widget, message.updates)
-                content = content | {"updates": {"value": value}}
-                if not internals.is_button(widget):
-                    kind = name
+        owners = [self.server] if page is None else [self.server, page]
+        match message:
+            case internals.messages.GuiUpdateMessage(uuid=name):
+                found = (internals.widgets(owner).get(name) for owner in owners)
+                widget = next(filter(None, found), None)
+                value = _checked_value(widget, message.updates)
+                self._values[name] = value
+                kind = object() if internals.is_button(widget) else name
                 if name in self.own and client is not None:
                     return kind, partial(self.own[name], client, value)
-            case "ViewerCameraMessage":
-                turned = any(message.wxyz) and any(message.up_direction)
-                if not turned or not 0 < message.fov < math.pi or min(message.image_width, message.image_height) < 0:  # fmt: skip
+                return kind, msgspec.msgpack.encode(content | {"updates": {"value": value}})
+            case internals.messages.ViewerCameraMessage():
+                if not any(message.up_direction) or not 0 < message.fov < math.pi or min(message.image_width, message.image_height) < 0:  # fmt: skip
                     raise Rejected("no camera")
-                kind = "camera"
-            case "LocalStorageGetItemResponseMessage":
-                kind = "storage"
-            case "CommandTriggerMessage":
-                if not internals.has_command(self.server, name):
+                return "camera", raw
+            case internals.messages.CommandTriggerMessage():
+                if not internals.has_command(self.server, message.uuid):
                     raise Rejected("an unknown command")
-            case "ScenePointerMessage":
+            case internals.messages.ScenePointerMessage():
                 rays = None not in (message.ray_origin, message.ray_direction)
                 if not (rays if message.event_type == "click" else len(message.screen_pos) == 2):
                     raise Rejected("half a click")
-            case "FileTransferStartUpload" | "FileTransferPart":
-                if name not in self.files:
-                    raise Rejected("a file for what takes none")
-            case of_node:
-                if name not in internals.nodes(self.server) and (
-                    page is None or name not in internals.nodes(page)
-                ):
+            case internals.messages.LocalStorageGetItemResponseMessage():
+                pass
+            case _:
+                name = getattr(message, "name", "")
+                if not any(name in internals.nodes(owner) for owner in owners):
                     raise Rejected("an unknown node")
-                if of_node == "TransformControlsUpdateMessage":
-                    if not any(message.wxyz):
-                        raise Rejected("a pose without a direction")
-                    kind = "control", name
-                elif getattr(message, "phase", "") == "update":
-                    kind = "drag", name
-        if declared.__name__.startswith("FileTransfer"):
-            return kind, self._file(message, client)
-        if declared.__name__ == "GuiUpdateMessage":
-            self._keep(name, content["updates"]["value"])
-        return kind, msgspec.msgpack.encode({"type": declared.__name__, **content})
+                if hasattr(message, "wxyz") or getattr(message, "phase", "") == "update":
+                    return ("drag", name), raw
+        return object(), raw  # unlike any other: each of these counts
 
     def _file(self, message: Any, client: int | None) -> Callable[[], None]:
         """Return what is done with one of the two messages of an upload, of which viser hears nothing. Raises Rejected."""
-        assert self.server is not None
-        hear, key = self.files[message.source_component_uuid], (client, message.transfer_uuid)
+        hear, key = self.files.get(message.source_component_uuid), (client, message.transfer_uuid)
+        if self.server is None or hear is None:
+            raise Rejected("a file for what takes none")
         if isinstance(message, internals.FileTransferPart):
             begun = self._begun.pop(key, None)
             if begun is None or len(message.content) != begun.size_bytes:
@@ -366,60 +349,43 @@ class MessageFilter:
         """
         return self._values.get(internals.id_of(handle), getattr(handle, "value", None))
 
-    def _keep(self, uuid: str, value: object) -> None:
-        if len(self._values) >= _MOST_VALUES and self.server is not None:
-            known = internals.widgets(self.server)
-            self._values = {one: kept for one, kept in self._values.items() if one in known}
-        self._values[uuid] = value
 
-    def _value(self, widget: Any, updates: dict[str, Any]) -> Any:
-        """Return a page's value for a widget, of its kind and within its limits. Raises Rejected."""
-        if widget is None or updates.keys() != {"value"} or isinstance(widget, viser.GuiUploadButtonHandle):  # fmt: skip
-            raise Rejected("an unknown widget, or more than its value")
-        value, now, drawn = updates["value"], widget.value, internals.properties(widget)
-        if getattr(drawn, "disabled", False):
-            raise Rejected("a widget that is disabled")
-        options: tuple[str, ...] | None = getattr(drawn, "options", None)
-        match value, now:
-            case bool(), bool():
-                return value
-            case bool(), _:
-                pass
-            case str(), str() if options is None or value in options:
-                return value
-            case ((int() | float()), (int() | float())) if not isinstance(now, bool):
-                return _limited(value, now, drawn)
-            case list(), tuple() if len(value) == len(now):
-                return [_limited(one, other, drawn) for one, other in zip(value, now, strict=True)]
-        raise Rejected(f"{type(value).__name__} for a widget that has {type(now).__name__}")
+def _checked_value(widget: Any, updates: dict[str, Any]) -> Any:
+    """Return a page's value for a widget, of its type and within its limits. Raises Rejected."""
+    if widget is None or updates.keys() != {"value"}:
+        raise Rejected("an unknown widget, or more than its value")
+    value, now, drawn = updates["value"], widget.value, internals.properties(widget)
+    if getattr(drawn, "disabled", False):
+        raise Rejected("a widget that is disabled")
+    if isinstance(now, tuple):
+        if not isinstance(value, list) or len(value) != len(now):
+            raise Rejected("another number of values")
+        return [_limited(one, other, drawn) for one, other in zip(value, now, strict=True)]
+    return _limited(value, now, drawn)
 
 
-def _check_sizes(value: object, largest: float, depth: int = 0) -> None:
-    """Raise Rejected for what is too long or deep, a number that is not finite or too large, or bytes."""
-    match value:
-        case bool() | None:
-            return
-        case int() | float():
-            if not math.isfinite(value) or abs(value) > largest:
-                raise Rejected("a number out of range")
-        case str() if len(value) <= _LONGEST_TEXT:
-            return
-        case list() | dict() if len(value) <= _LONGEST_LIST and depth < _DEEPEST:
-            for one in value.values() if isinstance(value, dict) else value:
-                _check_sizes(one, largest, depth + 1)
-        case _:
-            raise Rejected(f"{type(value).__name__} of this size")
-
-
-def _limited(value: object, now: object, drawn: object) -> float:
-    """Return a number within a widget's limits, whole where it was."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isinstance(now, int | float):  # fmt: skip
-        raise Rejected("no number")
+def _limited(value: Any, now: object, drawn: object) -> Any:
+    """Return one of the widget's options, or a number within its limits, whole where it was."""
+    kind, expected = (float if type(one) is int else type(one) for one in (value, now))
+    options = getattr(drawn, "options", None)
+    if kind is not expected or (options is not None and value not in options):
+        raise Rejected(f"{kind.__name__} for a widget that has {expected.__name__}")
+    if kind is not float:
+        return value
+    if not math.isfinite(value):
+        raise Rejected("a number out of range")
     low, high = getattr(drawn, "min", None), getattr(drawn, "max", None)
     low = -_LARGEST_NUMBER if low is None else low
     high = _LARGEST_NUMBER if high is None else high
     inside = min(max(value, low), high)
     return round(inside) if isinstance(now, int) else float(inside)
+
+
+def _is_finite(value: object) -> bool:
+    """Return whether no number of a message's field is infinite or too large."""
+    if isinstance(value, tuple):
+        return all(map(_is_finite, value))
+    return not isinstance(value, int | float) or abs(value) <= _LARGEST_NUMBER
 
 
 # ---- rates
@@ -584,7 +550,6 @@ def start_web_server(host: str = LOOPBACK, port: int = 0, token: str | None = No
     with _guarding(handshake, messages), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label="handtrack", verbose=False)
     messages.server = server
-    server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]
     server.gui.configure_theme(show_share_button=False)
     if port and server.get_port() != port:  # viser silently takes the next one
         server.stop()
