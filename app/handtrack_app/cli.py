@@ -31,6 +31,7 @@ def main(argv: list[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that knows no "−" shows "?"
     words = (sys.argv[1:] if argv is None else argv) or ["open"]
+    words = [*EARLIER_COMMANDS.get(words[0], words[:1]), *words[1:]]
     if not words[0].startswith("-") and words[0] not in COMMANDS:
         names = [name for group in COMMAND_GROUPS.values() for name in group]
         print(f"handtrack: {unknown_name('command', words[0], names)}", file=sys.stderr)
@@ -193,10 +194,6 @@ _TAKE_OVER = _option(
 )  # fmt: skip
 _SIDE = _option("--side", choices=("right", "left"), default="right")
 _NEW = _option("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
-_BOARD = _option(
-    "--board", required=True, metavar="BOARD",
-    help="chessboard:9x6:25mm (inner corners, square) or charuco:7x5:30mm:22mm:DICT_4X4_50 (squares, square, marker)",
-)  # fmt: skip
 _SERVER = (
     _option("--host", default="127.0.0.1", help="address to listen on (default: this machine only)"),
     _option("--port", type=int, help="port (default: 8080, or the next free one)"),
@@ -223,12 +220,14 @@ _OF_PERSON = (
     _INIT, _YES,
     _option("--use", metavar="NAMES", help="observations: silhouettes, cloud, keypoints; comma-separated"),
     _SET, _KNOWN_PERSON,
+    _option("--spread", action="store_true", help="print how a result's fingers spread together instead, for coupling 18"),
     _option("--out", type=Path, metavar="FILE.toml|.json",
             help="file to write (default: person.toml beside the session or result; with `size`, hand.json or body.json)"),
 )  # fmt: skip
 COMMANDS: dict[str, _Command] = {
     "open": _Command("workbench:open_session", "Open the workbench in the browser, on a session folder or on the bundled one.", (
         _option("session", nargs="?", type=Path, help="session folder; with --live, a folder with a calibration will do"),
+        _option("--choose", action="store_true", help="choose a recording in the browser, or make one from videos"),
         _option("--live", action="store_true", help="track running cameras, by the session's settings and calibration"),
         _by_camera("--camera", "NAME=DEVICE",
                 help="with --live: a camera's number, path or address, or a video played as one; once per "
@@ -238,8 +237,6 @@ COMMANDS: dict[str, _Command] = {
                 help="with --live: largest time between the images of a frame [ms] (50)"),
         _TAKE_OVER, *_SERVER,
     ), False),
-    "start": _Command("workbench:start", "Choose a recording in the browser, or make one from videos, and open the workbench.",
-                      (_TAKE_OVER, *_SERVER), False),
     "demo": _Command("workbench:open_demo", "Open the workbench on a bundled recording that is tracked already.", _SERVER, False),
     "sample": _Command("new_session.new:save_sample", "Write a bundled sample recording to a folder.", (
         _option("name", metavar="NAME", help="two_videos (the tutorial's material) or another_hand or open_fist_open (sessions)"),
@@ -332,7 +329,6 @@ COMMANDS: dict[str, _Command] = {
     "evaluate": _Command("checks:compare_with_truth", "Compare a tracked sequence with the truth.", (
         _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _LANDMARKS,
     )),
-    "spread": _Command("checks:measure_spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES,)),
     "skin": _Command("person:fit_skin", "Fit the skin colour filter of point clouds to manually segmented images.", (
         _SESSION,
         _option("--segmented", nargs=2, action="append", metavar=("IMAGE", "MASK"),
@@ -399,9 +395,12 @@ COMMANDS: dict[str, _Command] = {
         _SESSION, _FRAMES,
         _option("--out", type=Path, metavar="FOLDER", help="folder for the .ply files (default: SESSION/clouds)"),
     )),
-    "calibrate": _Command("calibration:calibrate", "Calibrate cameras from images or videos of a moving board.", (
-        _option("--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"),
-        _BOARD,
+    "calibrate": _Command("calibration:calibrate", "Print a calibration board, or calibrate cameras from images or videos of it.", (
+        _option("--out", type=Path, required=True, metavar="FILE.toml|.pdf|.svg|.png",
+                help="calibration to write; or the board, to print in its true size"),
+        _option("--board", required=True, metavar="BOARD",
+                help="chessboard:9x6:25mm (inner corners, square) or charuco:7x5:30mm:22mm:DICT_4X4_50 (squares, square, marker)"),
+        _number("--dpi", float, 50, 2400, default=300.0, help="resolution of a board's PNG (300)"),
         _by_camera("--camera", ("NAME=FILES", "FILES"), nargs="+",
                 help="images (pattern or folder) or a video, matched between cameras by frame number; once per camera"),
         _by_camera("--intrinsics", ("NAME=FILES", "FILES"), nargs="+",
@@ -413,11 +412,6 @@ COMMANDS: dict[str, _Command] = {
         _number("--most-views", int, 3, default=40, metavar="N", help="views used per camera, sharp and spread"),
         _number("--most-images", int, 3, default=400, metavar="N", help="images searched per camera, evenly"),
         _option("--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"),
-    )),
-    "board": _Command("calibration:save_board", "Write a calibration board to print, in its true size.", (
-        _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
-        _BOARD,
-        _number("--dpi", float, 50, 2400, default=300.0, help="resolution of a PNG; SVG and PDF are exact"),
     )),
     "doctor": _Command("doctor:check_session", "Check a session folder and report problems.", (
         _SESSION,
@@ -433,13 +427,15 @@ COMMANDS: dict[str, _Command] = {
 """by name"""
 
 COMMAND_GROUPS = {
-    "workbench": ("open", "start", "demo", "sample"),
+    "workbench": ("open", "demo", "sample"),
     "tracking": ("new", "track", "batch", "takes", "export", "evaluate"),
-    "preparing a recording": ("doctor", "calibrate", "board", "detect", "detector", "masks", "stereo"),
-    "a person": ("person", "spread", "skin", "retarget"),
+    "preparing a recording": ("doctor", "calibrate", "detect", "detector", "masks", "stereo"),
+    "a person": ("person", "skin", "retarget"),
     "models and tests": ("model", "simulate", "bench", "warmup", "completion"),
 }  # fmt: skip
 """in the order of `handtrack --help`; an alias, such as `size`, is in none"""
+EARLIER_COMMANDS = {"start": ("open", "--choose"), "board": ("calibrate",), "spread": ("person", "--spread")}  # fmt: skip
+"""for one more release, by what does the same now"""
 
 
 def _listing() -> str:

@@ -1,4 +1,4 @@
-"""`handtrack calibrate` and `board`: images or videos of a moving board → calibration.toml, with a report; the board to print."""
+"""`handtrack calibrate`: images or videos of a moving board → calibration.toml, with a report; the board to print."""
 
 from __future__ import annotations
 
@@ -50,6 +50,7 @@ class CalibrateOptions:
 
     out: Path
     board: str
+    dpi: float
     camera: Mapping[str, Sequence[str]]
     intrinsics: Mapping[str, Sequence[str]]
     known: Path | None
@@ -63,8 +64,10 @@ class CalibrateOptions:
 
 
 def calibrate(options: CalibrateOptions) -> int:
-    """Find the board, calibrate, write calibration.toml and the report; print the report."""
+    """Find the board, calibrate, write calibration.toml and the report; print the report. Or write the board."""
     board = parse_board(options.board)
+    if options.out.suffix.lower() in FORMATS:
+        return _save_board(board, options.out, options.dpi, options.json)
     if options.bayer and options.bayer not in PATTERNS:
         raise unknown_name("Bayer pattern", options.bayer, PATTERNS, "--bayer")
     output_file(options.out, (".toml",), "calibrations are")
@@ -203,7 +206,7 @@ def _write_report(calibration: RigCalibration, board: Board, options: CalibrateO
     print_status(f"wrote {', '.join(map(str, files))}")
 
 
-# ---- `handtrack board`: a calibration board to print
+# ---- the board to print
 
 
 _PAPERS_MM = {
@@ -215,9 +218,8 @@ _PAPERS_MM = {
 }
 
 
-def save_board(board: str, out: Path, dpi: float, json: bool) -> int:
+def _save_board(printed: Board, out: Path, dpi: float, json: bool) -> int:
     """Write the board and say how large it must come out of the printer."""
-    printed = parse_board(board)
     output_file(out, FORMATS, "boards are")
     width, height = page_size_mm(printed)
     if out.suffix.lower() == ".png" and width * height * (dpi / 25.4) ** 2 > 2e8:

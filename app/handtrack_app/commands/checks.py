@@ -1,4 +1,4 @@
-"""Commands that check and measure: a model's definition, poses against the truth, how fingers spread, this machine's speed, its kernels."""
+"""Commands that check and measure: a model's definition, poses against the truth, this machine's speed, its kernels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.model.model_file import load_model, read_definition
 from handtrack.session.formats.imported_truth import import_truth
 from handtrack.session.formats.tables import read_npz
-from handtrack.tracking.size.spread import spread_of_track
 from handtrack_app.commands.terminal.output import answer, output_file, print_status
 
 _SIZES_M = (0.02, 3.0)
@@ -145,31 +144,6 @@ def compare_with_truth(poses: Path, truth: Path, landmarks: str | None, json: bo
 
 def _shown(value: object) -> str:
     return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-# ---- `handtrack spread`: a person's constants of linked abduction, to be put into session.toml
-
-
-def measure_spread(poses: Path, json: bool) -> int:
-    """Print the four settings as lines of [tracking], and how well they explain what was seen."""
-    track = read_npz(poses)
-    try:
-        spread = spread_of_track(track)
-    except HandtrackError as error:
-        raise HandtrackError(f"{poses}: {error}") from None
-    settings = spread.settings()
-    report = {
-        "settings": settings,
-        "frames": spread.frames,
-        "residual_rad": spread.residual_rad,
-        "explained": spread.explained,
-    }
-    answer(json, report, *(f"{name} = {value:g}" for name, value in settings.items()))
-    print_status(
-        f"from {spread.frames} {'frame' if spread.frames == 1 else 'frames'}; the linkage leaves {np.rad2deg(spread.residual_rad):.1f}° of the abductions unexplained "
-        f"({100 * spread.explained:.0f} % of their squares explained). Use with model.coupling = 18."
-    )
-    return 0
 
 
 # ---- `handtrack bench`: each figure beside its reference, measured in one run

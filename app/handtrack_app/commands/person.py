@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_edit import edit_toml
@@ -18,6 +20,7 @@ from handtrack.session.session import Session
 from handtrack.session.sources.skin_samples import painted_skin, segmented_skin
 from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack.tracking.size.spread import spread_of_track
 from handtrack_app.commands.terminal.output import (
     INTERRUPTED,
     answer,
@@ -49,6 +52,7 @@ class PersonOptions(TrackingOptions):
 
     command: str
     count: int
+    spread: bool
     out: Path | None
     json: bool
 
@@ -57,6 +61,8 @@ def fit_person(options: PersonOptions) -> int:
     """Save the person of a tracked sequence; or track the frames asked for, fit a person to some of them, and save it. Return the
     exit code.
     """
+    if options.spread:
+        return _print_spread(options.session, options.json)
     if options.session.suffix.lower() == ".npz":
         return _of_track(options)
     session, overrides, _, first = asked_for(options, {"model.fit_size": False})
@@ -152,6 +158,28 @@ def _new_file(out: Path, kind: str) -> Path:
             f"{out} exists, and a person's {kind} is not written over. Name another file with --out, or move it away."
         )
     return out
+
+
+def _print_spread(poses: Path, json: bool) -> int:
+    """Print the four settings as lines of [tracking], and how well they explain what was seen."""
+    track = read_npz(poses)
+    try:
+        spread = spread_of_track(track)
+    except HandtrackError as error:
+        raise HandtrackError(f"{poses}: {error}") from None
+    settings = spread.settings()
+    report = {
+        "settings": settings,
+        "frames": spread.frames,
+        "residual_rad": spread.residual_rad,
+        "explained": spread.explained,
+    }
+    answer(json, report, *(f"{name} = {value:g}" for name, value in settings.items()))
+    print_status(
+        f"from {spread.frames} {'frame' if spread.frames == 1 else 'frames'}; the linkage leaves {np.rad2deg(spread.residual_rad):.1f}° of the abductions unexplained "
+        f"({100 * spread.explained:.0f} % of their squares explained). Use with model.coupling = 18."
+    )
+    return 0
 
 
 # ---- `handtrack skin`: the colour of skin from several images segmented by hand, for the filter of [clouds]

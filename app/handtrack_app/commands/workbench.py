@@ -43,6 +43,7 @@ class OpenOptions(ServerOptions):
     """Options of `handtrack open`."""
 
     session: Path | None
+    choose: bool
     live: bool
     camera: Mapping[str, str]
     record: Path | None
@@ -50,7 +51,9 @@ class OpenOptions(ServerOptions):
 
 
 def open_session(options: OpenOptions) -> int:
-    """Serve the workbench until Ctrl-C."""
+    """Serve the workbench, after the start page where a recording is to be chosen, until Ctrl-C."""
+    if options.choose:
+        return _choose(options)
     folder = bundled_session() if options.session is None else options.session
     live = live_options(options)
     if live is None and not (folder / SESSION_FILE).is_file():
@@ -75,13 +78,8 @@ def _open(
     return 0 if web is None else _choose(options, web)
 
 
-def start(options: ServerOptions) -> int:
-    """Serve start page and workbench in turns until Ctrl-C."""
-    return _choose(options)
-
-
 def _choose(options: ServerOptions, web: WebServer | None = None) -> int:
-    """See `start`. web: of the page before; the browser's page goes on there."""
+    """Serve start page and workbench in turns until Ctrl-C. web: of the page before; the browser's page goes on there."""
     from handtrack_app.start.start_page import choose_recording
 
     port = FIRST_PORT if options.port is None else options.port

@@ -234,7 +234,7 @@ class StartPage:
         self.listed.content = _cameras(result)
         if not result.calibrations:
             raise HandtrackError(
-                f"{folder}: {len(result.videos)} videos, but no calibration. Give its file below; or make one: `handtrack board`, film it, "
+                f"{folder}: {len(result.videos)} videos, but no calibration. Give its file below; or make one: print a board, film it, "
                 "`handtrack calibrate`."
             )
         self.calibration.value = "; ".join(map(str, result.calibrations))

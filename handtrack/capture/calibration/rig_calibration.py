@@ -314,7 +314,7 @@ def _warnings(board: Board, fits: Sequence[_LensFit], refined: Refined) -> Itera
     if isinstance(board, CharucoBoard) and board.rows % 2 == 0:
         yield (
             "ChArUco boards with an even number of rows were printed otherwise by OpenCV before 4.6; "
-            "if few corners were found, print the board anew with `handtrack board`."
+            "if few corners were found, print the board anew with `handtrack calibrate --out board.pdf`."
         )
 
 

@@ -56,7 +56,7 @@ class ModelSettings:
     )
     spread_index: float = setting(
         1.0,
-        "The person's factor c of coupling 18: abduction of the index = c · spread. `handtrack spread` measures all "
+        "The person's factor c of coupling 18: abduction of the index = c · spread. `handtrack person --spread` measures all "
         "four.",
         label="Index ×",
         **_SPREAD,

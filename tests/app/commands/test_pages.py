@@ -21,7 +21,7 @@ from tests.test_docs import blocks
 WHOLE = "HANDTRACK_TUTORIAL" in os.environ
 FRAMES = 3
 DOCS = REPOSITORY / "docs"
-SERVERS = ("open", "demo", "start")
+SERVERS = ("open", "demo")
 """they wait for a person in the browser"""
 
 
