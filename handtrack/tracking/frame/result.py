@@ -60,6 +60,7 @@ if TYPE_CHECKING:
 
 PARTS = ("palm", *FINGERS)
 """of a hand, of which it is said how probably each is off"""
+_PARAMETERS = "rad; m for root_tx, root_ty, root_tz"
 
 
 @array_dataclass
@@ -115,11 +116,16 @@ def _carried(name: str, *axes: str, kind: type = float, missing: object = np.nan
 class FrameHead:
     """What is said of a frame's pose without its arrays."""
 
-    frame: int
-    time_s: float = field(metadata=column(finite=True))
-    status: Status = field(metadata=column(join=Status))
-    energy: float
-    """final cost; NaN where nothing was seen"""
+    frame: int = field(metadata=column(meaning="number of the frame, from 0"))
+    time_s: float = field(metadata=column(finite=True, unit="s", meaning="time [s]"))
+    status: Status = field(
+        metadata=column(
+            join=Status,
+            meaning="0 tracked, 1 doubtful, 2 lost (holds the last estimate), 3 set by hand",
+        )
+    )
+    energy: float = field(metadata=column(meaning="final cost; comparable within a session only"))
+    """NaN where nothing was seen"""
     iterations: int
     energies: Mapping[str, float] = field(
         default_factory=dict,
@@ -203,18 +209,20 @@ class FrameHead:
 class FrameResult(FrameHead):
     """The pose of one frame, all of which is saved. A lost frame holds the last estimate, with infinite parameter_std."""
 
-    parameters: Floats[S] = field(metadata=column(finite=True))
+    parameters: Floats[S] = field(metadata=column(finite=True, unit=_PARAMETERS))
     """joint parameters [m, rad], all of the model's, whatever the coupling"""
-    parameter_std: Floats[S] = field(metadata=column(missing=np.inf, gaps="missing"))
+    parameter_std: Floats[S] = field(
+        metadata=column(missing=np.inf, gaps="missing", unit=_PARAMETERS)
+    )
     """[m, rad]; infinite where unobservable"""
-    joint_covariance: Floats[J, D3, D3] = field(metadata=column(turned=tensor))
+    joint_covariance: Floats[J, D3, D3] = field(metadata=column(turned=tensor, unit="m2"))
     """[m²]"""
-    T_world_bone: Floats[B, D4, D4] = field(metadata=column(finite=True, turned=pose))
+    T_world_bone: Floats[B, D4, D4] = field(metadata=column(finite=True, turned=pose, unit="m"))
     """bone → world"""
-    joint_positions: Floats[J, D3] = field(metadata=column(finite=True, turned=vector))
+    joint_positions: Floats[J, D3] = field(metadata=column(finite=True, turned=vector, unit="m"))
     """world [m]"""
     keypoints21: Floats[D21, D3] | None = field(
-        default=None, metadata=column(finite=True, turned=vector)
+        default=None, metadata=column(finite=True, turned=vector, unit="m")
     )
     """world [m]; hands only"""
     p_off_10mm: Floats[K] | None = field(

@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Axes, F, Floats, J
 from handtrack.model.articulated import JOINT_CENTRES
-from handtrack.tracking.frame.result import FIELDS, Status, TrackResult, is_length
+from handtrack.tracking.frame.result import COLUMNS, FIELDS, Status, TrackResult, is_length
 from handtrack.tracking.frame.result_fields import per_frame
 
 _USUAL_FPS = 30.0  # of a single frame, which says nothing of the rate
@@ -31,7 +31,8 @@ def labelled(
     `angle_std` by parameter, `T_world_bone` by bone, `frame`, `status`, `energy`, and where they are known those of `per_frame`,
     such as `views`, `p_off_25mm`, `p_off_10mm` by part, `reason`.
     """
-    time, points = ("time",), ("time", "space", "keypoints", "individuals")
+    time, angles = ("time",), ("time", "parameter")
+    points = (*time, "space", "keypoints", "individuals")
     covariance = track.joint_covariance
     std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=2, axis2=3), 0.0))
     lost = track.status == Status.LOST
@@ -50,19 +51,21 @@ def labelled(
         "parameter": track.parameter_names,
         "bone": track.bone_names,
     }
-    angles, mixed = ("time", "parameter"), "rad; m for root_tx, root_ty, root_tz"
-    arrays = {
-        "position": (points, shown(track.joint_positions), "m"),
-        "position_std": (points, shown(std), "m"),
-        "position_covariance": ((*points[:2], "space_2", *points[2:]), shown(covariance), "m2"),
-        "confidence": (("time", *points[2:]), joint_confidence(track)[..., None], "1"),
-        "angle": (angles, track.parameters, mixed),
-        "angle_std": (angles, track.parameter_std, mixed),
-        "T_world_bone": (("time", "bone", "row", "column"), track.T_world_bone, "m"),
-        "frame": (time, track.frame, "1"),
-        "status": (time, track.status, "1"),
-        "energy": (time, track.energy, "1"),
+    named = {
+        "position": (points, shown(track.joint_positions), "joint_positions"),
+        "position_std": (points, shown(std), "joint_positions"),
+        "position_covariance": (
+            (*points[:2], "space_2", *points[2:]),
+            shown(covariance),
+            "joint_covariance",
+        ),
+        "confidence": (("time", *points[2:]), joint_confidence(track)[..., None], "p_off_25mm"),
+        "angle": (angles, track.parameters, "parameters"),
+        "angle_std": (angles, track.parameter_std, "parameter_std"),
+        "T_world_bone": (("time", "bone", "row", "column"), track.T_world_bone, "T_world_bone"),
+        **{name: (time, getattr(track, name), name) for name in ("frame", "status", "energy")},
     }
+    arrays = {name: (*array, COLUMNS[of].unit) for name, (*array, of) in named.items()}
     for name, column in per_frame(FIELDS):
         if (values := getattr(track, name)) is not None:
             axes = (column.names.removesuffix("_names"),) if column.names else ()
@@ -93,12 +96,8 @@ def frame_columns(
     with_std
         Each parameter's standard deviation after it.
     """
-    yield "frame", track.frame, "number of the frame, from 0"
-    yield "time_s", track.time_s, "time [s]"
-    meaning = "0 tracked, 1 doubtful, 2 lost (holds the last estimate), 3 set by hand"
-    yield "status", track.status, meaning
-    meaning = "final cost; comparable within a session only"
-    yield "energy", track.energy, meaning
+    for name in ("frame", "time_s", "status", "energy"):
+        yield name, getattr(track, name), COLUMNS[name].meaning
     for row, name in enumerate(track.parameter_names):
         unit, factor, meaning = "deg", 180.0 / np.pi, "angle [°]"
         if is_length(name):
