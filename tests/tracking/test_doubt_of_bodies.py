@@ -26,7 +26,7 @@ from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.whole.likelihood import RecordingLikelihood, new_share
 from handtrack.tracking.whole.trajectory_hypotheses import (
-    TrajectoryHypothesis,
+    trajectory_cost,
     trajectory_hypotheses,
 )
 from tests.cameras import FACING, pinhole
@@ -123,25 +123,27 @@ def _evidence(poses, *cameras, off_px=np.zeros((4, 1, 2))):
     return RecordingLikelihood(BODY, settings, observe, dict(zip(FRAMES, poses, strict=True)), 0.04)
 
 
-def _way(poses, *cameras):
-    likelihood = _evidence(poses, *cameras)
-    found = estimate_whole(likelihood, FRAMES, poses, sweeps=3)
+def _way(*cameras):
+    likelihood = _evidence(_reaching(), *cameras)
+    found = estimate_whole(likelihood, FRAMES, _reaching(), sweeps=3)
     assert found is not None
-    return TrajectoryHypothesis(found, likelihood, "followed")
+    return likelihood, found
 
 
 def test_limbs_are_flipped_in_all_frames_alone_and_together():
-    ways = trajectory_hypotheses(_way(_reaching(), FRONT), FRAMES, 6)
-    assert [way.cost for way in ways] == sorted(way.cost for way in ways)
-    places = [np.array([places_of(pose) for pose in way.estimate.poses]) for way in ways]
+    likelihood, first = _way(FRONT)
+    ways = trajectory_hypotheses(likelihood, first, FRAMES, 6)
+    costs = [trajectory_cost(likelihood, way) for way in ways]
+    assert costs == sorted(costs)
+    places = [np.array([places_of(pose) for pose in way.poses]) for way in ways]
     deep = [np.abs((off - places[0]) @ FRONT.rotation[2]).max(axis=1) for off in places[1:]]
     assert any((frames > 0.1).all() for frames in deep)
     assert any(way.origin.count(" flipped") == 2 for way in ways)
 
 
 def test_what_two_cameras_see_has_one_way():
-    way = _way(_reaching(), FRONT, SIDE)
-    assert trajectory_hypotheses(way, FRAMES, 6) == [way]
+    likelihood, way = _way(FRONT, SIDE)
+    assert trajectory_hypotheses(likelihood, way, FRAMES, 6) == [way]
 
 
 def test_joints_of_one_camera_count_as_often_as_their_errors_are_new():

@@ -127,6 +127,8 @@ class WholeEstimate:
     """what was found of cameras and person"""
     shared_covariance: Floats[K, K]
     """of all numbers of `shared`"""
+    origin: str = "followed"
+    """how it was come by, of several trajectories"""
 
     @property
     def cameras(self) -> CameraChanges:

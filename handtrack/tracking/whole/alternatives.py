@@ -16,8 +16,8 @@ from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, part_of
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import PARTS, Alternative, FrameResult, Status
+from handtrack.tracking.size.estimate import WholeEstimate
 from handtrack.tracking.whole.mode_search import APART_M, Trellis
-from handtrack.tracking.whole.trajectory_hypotheses import TrajectoryHypothesis
 
 _LEAST = 0.03
 """probability below which an alternative is left out"""
@@ -28,7 +28,7 @@ def with_alternatives(
     results: Sequence[FrameResult],
     trellis: Trellis,
     shown: int = 1,
-    refined: Sequence[TrajectoryHypothesis] = (),
+    refined: Sequence[tuple[WholeEstimate, float]] = (),
 ) -> list[FrameResult]:
     """Return refined frames with the other poses that all frames together leave open, the most
     probable first, behind the frame's own.
@@ -43,8 +43,8 @@ def with_alternatives(
         How many poses a frame has that were asked for, however probable: such as differ in shape
         come first.
     refined
-        Hypotheses that were refined as a whole, the frames' own first, the others are what is
-        shown.
+        Trajectories that were refined as a whole and how probable each is, the frames' own first, the others
+        are what is shown.
     """
 
     def other(pose: Floats[P], cost: float, weight: float, origin: str) -> Alternative:
@@ -52,7 +52,6 @@ def with_alternatives(
 
     found = []
     several = len(refined) > 1
-    weights = np.exp(min((w.cost for w in refined), default=0.0) - np.array([w.cost for w in refined]))  # fmt: skip
     rows = zip(results, trellis.minima, trellis.probabilities, trellis.best.tolist(), strict=True)
     for n, (result, minima, share, own) in enumerate(rows):
         poses = [m.pose for m in minima]
@@ -63,11 +62,8 @@ def with_alternatives(
         weight = float(share[own])
         result = _doubted(model, result, weight, known) if known else result
         if several:
-            weight = float(weights[0] / weights.sum())
-            known = [
-                other(one.estimate.poses[n], one.estimate.costs[n], w, one.origin)
-                for one, w in zip(refined[1:], weights[1:] / weights.sum(), strict=True)
-            ]
+            weight = refined[0][1]
+            known = [other(one.poses[n], one.costs[n], w, one.origin) for one, w in refined[1:]]
         held = Alternative(result.parameters, result.energy, weight, -1, "refined")
         found.append(replace(result, alternatives=(held, *known)) if known else result)
     return found

@@ -38,8 +38,8 @@ from handtrack.tracking.whole.likelihood import (
 from handtrack.tracking.whole.mode_search import ModeSearch, Trellis
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack.tracking.whole.trajectory_hypotheses import (
-    TrajectoryHypothesis,
     trajectory_hypotheses,
+    trajectory_weights,
 )
 
 _BESIDE = 7
@@ -88,7 +88,7 @@ class RecordingEstimate:
     """all poses, and what they share, found together"""
     calibrated: WholeEstimate | None = None
     """the solution that corrected the cameras"""
-    hypotheses: tuple[TrajectoryHypothesis, ...] = ()
+    hypotheses: tuple[WholeEstimate, ...] = ()
     """trajectories refined as a whole, the best first"""
     results: tuple[FrameResult, ...] = ()
 
@@ -267,12 +267,10 @@ def flip_limbs(estimate: RecordingEstimate) -> RecordingEstimate:
     count, likelihood = estimate.likelihood.settings.tracker.hypotheses, estimate.likelihood
     if count <= 1 or likelihood.new > MOSTLY_NEW:
         return estimate
-    first = TrajectoryHypothesis(estimate.solved, likelihood, "followed")
-    several = trajectory_hypotheses(first, estimate.frames, count, estimate.recording.control)
-    best = several[0]
-    return replace(
-        estimate, hypotheses=tuple(several), solution=best.estimate, likelihood=best.likelihood
+    several = trajectory_hypotheses(
+        likelihood, estimate.solved, estimate.frames, count, estimate.recording.control
     )
+    return replace(estimate, hypotheses=tuple(several), solution=several[0])
 
 
 def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
@@ -291,9 +289,11 @@ def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
 def keep_alternatives(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate whose frames have the other poses that all frames together leave open, and are as unsure."""
     assert estimate.trellis is not None, "passes come in order"
+    likelihood = estimate.likelihood
+    weights = trajectory_weights(likelihood, estimate.hypotheses)
     results = with_alternatives(
-        estimate.likelihood.model, estimate.results, estimate.trellis,
-        estimate.likelihood.settings.tracker.hypotheses, estimate.hypotheses,
+        likelihood.model, estimate.results, estimate.trellis, likelihood.settings.tracker.hypotheses,
+        list(zip(estimate.hypotheses, weights.tolist(), strict=True)),
     )  # fmt: skip
     return replace(estimate, results=tuple(results))
 

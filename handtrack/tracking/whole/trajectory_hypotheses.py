@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from handtrack.arrays import Array, F, Floats, Ints, N, P, array_dataclass
+from handtrack.arrays import Array, F, Floats, Ints, K, N, P
 from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.suppression import apart
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.depth_flips import apart_m, flips_of_limbs, only_camera
@@ -21,36 +24,40 @@ _WIDTH, _ROUNDS = 3, 3
 of a real person the best hypothesis was two such steps away in one camera of four (docs/reports/results.md)"""
 
 
-@array_dataclass
-class TrajectoryHypothesis:
-    """Poses of all frames, refined together."""
+def trajectory_cost(likelihood: RecordingLikelihood, trajectory: WholeEstimate) -> float:
+    """Return by which trajectories are compared: what all frames say, and what is usual of motion."""
+    usual = likelihood.usual
+    moves = 0.0 if usual is None else usual.cost(trajectory.poses)
+    return float(trajectory.costs.sum()) + moves
 
-    estimate: WholeEstimate
-    likelihood: RecordingLikelihood
-    origin: str
-    """how it was come by"""
 
-    @property
-    def cost(self) -> float:
-        """By which hypotheses are compared: what all frames say, and what is usual of motion."""
-        usual = self.likelihood.usual
-        moves = 0.0 if usual is None else usual.cost(self.estimate.poses)
-        return float(self.estimate.costs.sum()) + moves
+def trajectory_weights(
+    likelihood: RecordingLikelihood, trajectories: Sequence[WholeEstimate]
+) -> Floats[K]:
+    """Return how probable trajectories are beside one another."""
+    costs = np.array([trajectory_cost(likelihood, one) for one in trajectories])
+    weights = np.exp(costs.min(initial=np.inf) - costs)
+    return weights / weights.sum()
 
 
 def trajectory_hypotheses(
-    first: TrajectoryHypothesis, frames: Sequence[int], count: int, control: Control = Control()
-) -> list[TrajectoryHypothesis]:
+    likelihood: RecordingLikelihood,
+    first: WholeEstimate,
+    frames: Sequence[int],
+    count: int,
+    control: Control = Control(),
+) -> list[WholeEstimate]:
     """Return so many hypotheses, the best first, where joints in one camera's image are all that was seen; else the given one alone.
 
     One camera leaves open on which side of the image plane a limb is, throughout: like the 2003 paper's jumps, but of whole trajectories. How
     far away everything is it leaves open too, about each of them: that is no hypothesis of its own, and the covariance contains it. Fewer
     where there are no more, or it was stopped.
     """
-    camera = _camera(first.likelihood, frames)
+    camera = _camera(likelihood, frames)
     if camera is None or count < 2:
         return [first]
-    hypotheses, flipped = [first], list[TrajectoryHypothesis]()
+    hypotheses, flipped = [first], list[WholeEstimate]()
+    cost = partial(trajectory_cost, likelihood)
     for _ in range(_ROUNDS):
         fresh = [
             hypothesis
@@ -58,8 +65,15 @@ def trajectory_hypotheses(
             if all(hypothesis is not one for one in flipped)
         ]
         for hypothesis in fresh:
-            for other in _flipped(hypothesis, frames, camera, control):
-                hypotheses = _unlike(sorted([*hypotheses, other], key=lambda w: w.cost))[:count]
+            for name, poses in _trials(likelihood.model, hypothesis.poses, camera):
+                found = estimate_whole(
+                    likelihood, frames, poses, control.should_stop, sweeps=_SWEEPS
+                )
+                if found is not None:
+                    other = replace(found, origin=f"{hypothesis.origin}, {name} flipped")
+                    hypotheses = _unlike(likelihood.model, sorted([*hypotheses, other], key=cost))[
+                        :count
+                    ]
         flipped += fresh
         if not fresh or control.should_stop():
             break
@@ -79,22 +93,12 @@ def _camera(likelihood: RecordingLikelihood, frames: Sequence[int]) -> Camera | 
     return found
 
 
-def _flipped(
-    hypothesis: TrajectoryHypothesis, frames: Sequence[int], camera: Camera, control: Control
-) -> Iterator[TrajectoryHypothesis]:
-    """Yield the hypothesis with one limb on the other side of where it was, refined."""
-    likelihood = hypothesis.likelihood
-    for name, poses in _trials(hypothesis, camera):
-        found = estimate_whole(likelihood, frames, poses, control.should_stop, sweeps=_SWEEPS)
-        if found is not None:
-            yield TrajectoryHypothesis(found, likelihood, f"{hypothesis.origin}, {name} flipped")
-
-
-def _trials(hypothesis: TrajectoryHypothesis, camera: Camera) -> Iterator[tuple[str, Floats[F, P]]]:
-    """Yield each limb's name and the poses in which it is flipped, one hypothesis of all: from the frame where a flip differs most it is
+def _trials(
+    model: ArticulatedModel, poses: Floats[F, P], camera: Camera
+) -> Iterator[tuple[str, Floats[F, P]]]:
+    """Yield each limb's name and the poses of all frames in which it is flipped, one trajectory: from the frame where a flip differs most it is
     followed to both sides, to the flip that is nearest. Where the limb lies in the image plane that is the pose itself.
     """
-    model, poses = hypothesis.likelihood.model, hypothesis.estimate.poses
     by_frame = [flips_of_limbs(model, pose, camera) for pose in poses]
     for name in by_frame[0]:
         leaves = [np.concatenate([pose[None], at[name]]) for pose, at in zip(poses, by_frame, strict=True)]  # fmt: skip
@@ -115,11 +119,10 @@ def _far(rows: Floats[N, P], pose: Floats[P]) -> Floats[N]:
     return np.linalg.norm(rows[:, 6:] - pose[6:], axis=1)
 
 
-def _unlike(hypotheses: Sequence[TrajectoryHypothesis]) -> list[TrajectoryHypothesis]:
+def _unlike(model: ArticulatedModel, hypotheses: Sequence[WholeEstimate]) -> list[WholeEstimate]:
     """Return the hypotheses of which no better one is the same: all joints of all frames near each other."""
-    model = hypotheses[0].likelihood.model
     places = np.array(
-        [[model.joint_positions(model.bones(p)) for p in one.estimate.poses] for one in hypotheses]
+        [[model.joint_positions(model.bones(p)) for p in one.poses] for one in hypotheses]
     )
 
     def differ(row: int, others: Ints) -> Array:
