@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from handtrack.arrays import Floats, P, array_dataclass
-from handtrack.tracking.frame.frame_task import Solved
 from handtrack.tracking.frame.motion_belief import Hypothesis
 from handtrack.tracking.frame.result import FrameResult, Status, Step
 from handtrack.tracking.frame.terms.appearance_terms import Before
@@ -58,19 +57,14 @@ class TrackerState:
     def last(self) -> FrameResult | None:
         return self.results[-1] if self.results else None
 
-    def after(
-        self,
-        solved: Solved,
-        texture: Before | None = None,
-        hypotheses: tuple[Hypothesis, ...] = (),
-    ) -> TrackerState:
+    def after(self, solved: Step, texture: Before | None = None) -> TrackerState:
         """Return the state once a frame is solved. A lost frame changes neither belief nor texture."""
         result = solved.result
         results = (*self.results, result)[-REMEMBERED:]
         if result.status == Status.LOST and self.results:
-            return replace(self, results=results, hypotheses=hypotheses)
+            return replace(self, results=results, hypotheses=solved.hypotheses)
         if texture is not None and self.texture is not None:
             texture = replace(texture, first=self.texture.first or self.texture)
         lost = result.status == Status.LOST
-        belief = self.belief if lost else solved.covariance
-        return TrackerState(None, results, belief, hypotheses, texture)
+        belief = self.belief if lost else solved.belief
+        return TrackerState(None, results, belief, solved.hypotheses, texture)

@@ -16,9 +16,8 @@ from handtrack.parallel import one_blas_thread
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_task import FrameTask, Solved, predict
-from handtrack.tracking.frame.motion_belief import Hypothesis
-from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
+from handtrack.tracking.frame.frame_task import FrameTask, predict
+from handtrack.tracking.frame.result import FrameResult, Status, Step, unconfirmed
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.hypotheses.mixture import solve_mixture
@@ -75,19 +74,16 @@ class Tracker:
     @one_blas_thread
     def _stepped(
         self, state: TrackerState, observation: Observation, control: Control
-    ) -> tuple[TrackerState, Solved]:
+    ) -> tuple[TrackerState, Step]:
         task = self._task(state, self._looked_at(state, observation), control)
-        hypotheses: tuple[Hypothesis, ...] = ()
         if self.settings.tracker.hypotheses > 1:
-            solved, hypotheses = solve_mixture(task, state.hypotheses)
+            solved = solve_mixture(task, state.hypotheses)
         else:
             solved = solve_frame(task)
             if self.settings.tracker.recovery:
                 solved = with_hand_recovered(task, solved)
         solved = replace(solved, result=self._as_sure_as_the_start(state, solved.result))
-        return state.after(
-            solved, self.texture_from(observation, solved.result), hypotheses
-        ), solved
+        return state.after(solved, self.texture_from(observation, solved.result)), solved
 
     def _as_sure_as_the_start(self, state: TrackerState, result: FrameResult) -> FrameResult:
         """Return a frame as doubtful as an unsure start, unless frames in a row have confirmed it by their own evidence."""

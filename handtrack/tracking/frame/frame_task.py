@@ -23,7 +23,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, frame_terms
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameResult, Status, Step
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.frame.terms.forearm import aimed_forearm
@@ -53,17 +53,6 @@ def predict(
     expected[3:6] = rotation_vector(turned)
     limits = model.limits.bounds(expected)
     return np.clip(expected, limits[:, 0], limits[:, 1])
-
-
-@array_dataclass
-class Solved:
-    """A frame's result, and what only the next frame's prediction needs of it."""
-
-    result: FrameResult
-    covariance: Floats[P, P] | None = None
-    """of the solver parameters; None where nothing is said of them"""
-    search_due: bool = False
-    """a search would have been made, had it been allowed (`Control.searches`)"""
 
 
 @array_dataclass
@@ -116,7 +105,7 @@ class FrameTask:
             terms = self.terms(params)
         return params, terms
 
-    def unseen(self) -> Solved:
+    def unseen(self) -> Step:
         """Return a frame in which nothing was seen: what moved on unseen is not known, the last estimate is held. A first frame of images is
         only to be compared with those after it, at the given pose.
         """
@@ -129,7 +118,7 @@ class FrameTask:
             status, reason = Status.LOST, Reason("cloud elsewhere", number=cloud.crop_mm)
         else:
             status, reason = Status.LOST, Reason("unseen")
-        return Solved(posed_result(self.model, seen, params, FrameConfidence(status, reason)))
+        return Step(posed_result(self.model, seen, params, FrameConfidence(status, reason)))
 
     def solved(
         self,
@@ -137,7 +126,7 @@ class FrameTask:
         found: SolveSummary,
         problem: Problem,
         exact: tuple[Problem, JointSystem] | None = None,
-    ) -> Solved:
+    ) -> Step:
         """Return the frame's result where descent ended, with its uncertainty and status.
 
         Parameters
@@ -161,7 +150,7 @@ class FrameTask:
             iterations=found.iterations,
             views=terms.views,
         )
-        return Solved(result, covariance)
+        return Step(result, covariance)
 
 
 def inheriting_uncertainty(

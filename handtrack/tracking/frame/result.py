@@ -255,7 +255,11 @@ class Step:
 
     result: FrameResult
     belief: Floats[P, P] | None = None
+    """covariance of the solver parameters; None where nothing is said of them"""
     hypotheses: tuple[Hypothesis, ...] = ()
+    """poses carried along, heaviest first"""
+    search_due: bool = False
+    """a search would have been made, had it been allowed (`Control.searches`); not kept"""
 
 
 FIELDS = result_fields(fields(FrameResult))

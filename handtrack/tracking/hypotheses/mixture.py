@@ -18,13 +18,13 @@ from handtrack.solver.levenberg_marquardt import SolveSummary
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.control import Tried
 from handtrack.tracking.frame.descent import by_keypoints_alone, stage_problem
-from handtrack.tracking.frame.frame_task import FrameTask, Solved
+from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.motion_belief import (
     Hypothesis,
     MotionBelief,
     unknown_speed,
 )
-from handtrack.tracking.frame.result import Alternative
+from handtrack.tracking.frame.result import Alternative, Step
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import agility
 from handtrack.tracking.hypotheses.mixture_search import (
@@ -108,9 +108,7 @@ def speed_of_change(model: ArticulatedModel, settings: TrackerSettings) -> Float
     return push / np.sqrt(max(strength, 1e-6))
 
 
-def solve_mixture(
-    task: FrameTask, carried: Sequence[Hypothesis]
-) -> tuple[Solved, tuple[Hypothesis, ...]]:
+def solve_mixture(task: FrameTask, carried: Sequence[Hypothesis]) -> Step:
     """Return a frame at the heaviest of the hypotheses that explain it, and all that are carried
     on.
 
@@ -125,7 +123,7 @@ def solve_mixture(
     objective = task.model, task.settings, chains, task.observation, task.control
     if not terms.has_observations:
         parents = range(len(carried))
-        return _with_alternatives(task.model, task.unseen(), carried, parents), tuple(carried)
+        return _with_alternatives(task.model, task.unseen(), carried, parents)
     if carried:
         components = [_component(task, hypothesis) for hypothesis in carried]
         hypotheses, parents = searched(NextHypotheses(*objective, components))
@@ -137,7 +135,7 @@ def solve_mixture(
     problem = stage_problem(terms, best)
     system = problem.linearize(best)
     solved = task.solved(terms, SolveSummary(best, system.cost, 0, "converged", system), problem)
-    return _with_alternatives(task.model, solved, hypotheses, parents), hypotheses
+    return _with_alternatives(task.model, solved, hypotheses, parents)
 
 
 def _component(task: FrameTask, hypothesis: Hypothesis) -> Component:
@@ -154,12 +152,13 @@ def _component(task: FrameTask, hypothesis: Hypothesis) -> Component:
 
 def _with_alternatives(
     model: ArticulatedModel,
-    solved: Solved,
+    solved: Step,
     carried: Sequence[Hypothesis],
     parents: Sequence[int],
-) -> Solved:
+) -> Step:
     alternatives = tuple(
         Alternative(model.joint_params(h.params), h.cost, h.weight, parent, h.origin)
         for h, parent in zip(carried, parents, strict=True)
     )
-    return replace(solved, result=replace(solved.result, alternatives=alternatives))
+    result = replace(solved.result, alternatives=alternatives)
+    return replace(solved, result=result, hypotheses=tuple(carried))

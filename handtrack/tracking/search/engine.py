@@ -17,8 +17,7 @@ from handtrack.arrays import D3, D21, Floats, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.parallel import in_parallel
 from handtrack.tracking.frame.control import Control, SearchReport, Tried
-from handtrack.tracking.frame.frame_task import Solved
-from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.result import FrameResult, Step
 from handtrack.tracking.search.scores.hand_shapes import HandShape
 
 
@@ -35,7 +34,7 @@ class Candidate:
     """which proposer it comes from"""
     shape: HandShape | None = None
     """the rigid shape that it started from, in a search by silhouettes and clouds"""
-    solved: Solved | None = None
+    solved: Step | None = None
     """the frame's result there, once it was fitted as the tracker fits"""
     normal: Floats[P, P] | None = None
     """Gauss-Newton matrix of its cost, where the fit gives one"""

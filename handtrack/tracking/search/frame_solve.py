@@ -21,10 +21,10 @@ from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import DOUBTFUL_CLOUD
 from handtrack.tracking.frame.control import Tried
 from handtrack.tracking.frame.descent import LAST_GAIN, descend, stage_problem
-from handtrack.tracking.frame.frame_task import FrameTask, Solved
+from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameResult, Status, Step
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement
 from handtrack.tracking.search.engine import Candidate, Search, report
@@ -47,7 +47,7 @@ POOR_CLOUD = Search(
 )
 
 
-def solve_frame(task: FrameTask) -> Solved:
+def solve_frame(task: FrameTask) -> Step:
     """Return a frame's result by descent from its start."""
     params, terms = task.opened()
     if not terms.has_observations:
@@ -92,7 +92,7 @@ def _descended(
     return summary, problem, bool(why) and not control.searches
 
 
-def _refined(task: FrameTask, terms: FrameTerms, found: SolveSummary, problem: Problem) -> Solved:
+def _refined(task: FrameTask, terms: FrameTerms, found: SolveSummary, problem: Problem) -> Step:
     """Return the result at the pose that a cloud gives which lies nearer than usual; as found, elsewhere.
 
     Poses are compared before, as energies are: with the same spread for all of them.
@@ -137,7 +137,7 @@ def poor_agreement(terms: FrameTerms, params: Floats[P], below: float) -> Agreem
 
 def solve_doubted(
     task: FrameTask, terms: FrameTerms, params: Floats[P], poor: Agreement | None = None
-) -> tuple[Solved, bool]:
+) -> tuple[Step, bool]:
     """Return the frame by a poor cloud, solved from the last pose, and whether the cloud is poor indeed.
 
     Parameters
@@ -162,7 +162,7 @@ def solve_doubted(
         few, start, whole = simplified(model, joint, kind)
         found = solve_frame(_started(_simpler(cautious, few, start, whole), start)).result
         shown = whole(few.solver_params(found.parameters))
-        solved, origin = Solved(_in_whole(model, found, shown)), kind
+        solved, origin = Step(_in_whole(model, found, shown)), kind
     pose = model.solver_params(solved.result.parameters)
     least = GOOD if poor is None else POOR
     poor = poor or poor_agreement(terms, pose, least)

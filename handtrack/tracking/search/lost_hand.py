@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from handtrack.tracking.frame.confidence import assess, is_where_joints_are
-from handtrack.tracking.frame.frame_task import FrameTask, Solved
+from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.result import Status, Step
 from handtrack.tracking.search.engine import Candidate, improved
 from handtrack.tracking.search.global_search import LOST_HAND, GlobalObjective
 from handtrack.tracking.search.policy import why_hand_may_be_lost
@@ -24,7 +24,7 @@ from handtrack.tracking.search.scores.hand_shapes import (
 _NEAR_M, _SPEED_M = (0.10, 0.03)
 
 
-def with_hand_recovered(task: FrameTask, solved: Solved) -> Solved:
+def with_hand_recovered(task: FrameTask, solved: Step) -> Step:
     """Return a frame as it was solved, or at another pose that fits what was seen clearly better, where it is in doubt and no two
     cameras see the joints there.
     """
@@ -76,7 +76,7 @@ def with_hand_recovered(task: FrameTask, solved: Solved) -> Solved:
     return solved if best.solved is None else _assessed(task, best.solved)
 
 
-def _assessed(task: FrameTask, solved: Solved) -> Solved:
+def _assessed(task: FrameTask, solved: Step) -> Step:
     """Return a result with its status judged beside the frames before it."""
     model, result = task.model, solved.result
     bones = model.bones(model.solver_params(result.parameters))
