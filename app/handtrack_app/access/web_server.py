@@ -550,6 +550,8 @@ def start_web_server(host: str = LOOPBACK, port: int = 0, token: str | None = No
     with _guarding(handshake, messages), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label="handtrack", verbose=False)
     messages.server = server
+    # no public tunnel, whoever asks: with internet access, viser would open one
+    server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]
     server.gui.configure_theme(show_share_button=False)
     if port and server.get_port() != port:  # viser silently takes the next one
         server.stop()
