@@ -4,7 +4,7 @@
     python -m docs.figures check [NAME…]     run them, and report what differs from the table
 
 Without names, all entries. Recordings are those of HANDTRACK_DATA; each is copied first. `$NAME` in a command is an environment variable;
-MAKEHUMAN is a copy of that program's repository. A relative difference of more than 1 % is reported, 50 % for times.
+MAKEHUMAN and LEAP are copies of repositories. A relative difference of more than 1 % is reported, 50 % for times.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+from base64 import b64decode
 from collections.abc import Callable
 from pathlib import Path
 
@@ -53,6 +56,14 @@ def _fist(rng: np.random.Generator) -> Floats:
     return pose
 
 
+def _count(rng: np.random.Generator) -> Floats[D5, K]:
+    """Return a fist with some fingers out, the index first."""
+    pose = _fist(rng)
+    out = slice(1, int(rng.integers(1, FINGERS + 1)))
+    pose[out] = _still(rng)[out]
+    return pose
+
+
 def _pinch(rng: np.random.Generator) -> Floats:
     """Return thumb and one or two fingers bent towards each other."""
     pose = _still(rng)
@@ -72,6 +83,7 @@ def _spread(rng: np.random.Generator) -> Floats:
 SHAPES: dict[str, list[Callable[[np.random.Generator], Floats[D5, K]]]] = {
     "fist": [_still, _fist],
     "curls": [_still, _curl, _curl],
+    "counts": [_count],
     "pinches": [_still, _pinch],
     "spread": [_spread, _still, _curl],
     "letters": [_letter],
@@ -111,6 +123,52 @@ def read(path: Path, first: int, frames: int) -> Angles:
             if k == 0:
                 found[:, f, 0] = turn[:, 1]
             before = bone
+    return _of_a_hand(found, frames)
+
+
+def read_leap(git: Path, name: str, first: int, frames: int) -> Angles:
+    """Return angles of a right hand that Leap Motion recorded, of a git folder's `recorder/recordings`, from a row on, every fourth."""
+    blob = f"HEAD:recorder/recordings/{name}.json.lz"
+    packed = subprocess.run(["git", "-C", git, "show", blob], capture_output=True, check=True)
+    found = []
+    for frame in json.loads(_unpacked(packed.stdout))["frames"][first::4]:
+        hand = next(hand for hand in frame["hands"] if hand["type"] == "right")
+        own = [one for one in frame["pointables"] if one["handId"] == hand["id"]]
+        joints = [[one[f"{j}Position"] for j in ("mcp", "pip", "dip", "tip")] for one in sorted(own, key=lambda one: one["type"])]  # fmt: skip
+        bones = np.diff(np.array(joints), axis=1)
+        bones /= np.linalg.norm(bones, axis=2, keepdims=True)
+        along, inwards = np.array(hand["direction"]), np.array(hand["palmNormal"])
+        spread = np.arcsin(bones[:, 0] @ np.cross(along, inwards))
+        bend = np.arctan2(bones[:, 0] @ inwards, bones[:, 0] @ along)
+        bends = np.arccos(np.clip((bones[:, :-1] * bones[:, 1:]).sum(axis=2), -1.0, 1.0))
+        found.append(np.column_stack([spread, bend, bends]))
+    return _of_a_hand(np.array(found), frames)
+
+
+def _unpacked(text: bytes) -> str:
+    """Return what LZ-String packed into base64: words in as many bits as their count has, the lowest first; 0 and 1 before a new letter's bits."""
+    bits = np.unpackbits(np.frombuffer(b64decode(text + b"=="), np.uint8)).tolist()
+    at, word, words, found = 0, "", [""] * 3, []
+
+    def number(count: int) -> int:
+        nonlocal at
+        at += count
+        return sum(bit << k for k, bit in enumerate(bits[at - count : at]))
+
+    while (code := number(len(words).bit_length())) != 2:
+        if code < 2:
+            words.append(chr(number(8 << code)))
+            code = len(words) - 1
+        now = words[code] if code < len(words) else word + word[0]
+        if word:
+            words.append(word + now[0])
+        word = now
+        found.append(word)
+    return "".join(found)
+
+
+def _of_a_hand(found: Floats[F, D5, K], frames: int) -> Angles:
+    """Return measured angles about those of a hand at rest, within its limits, at a pace of a hand."""
     middle = np.median(found, axis=0)
     found[:, 1:, 0] = 0.5 * (found[:, 1:, 0] - middle[1:, 0])
     found[:, 0, :2] = np.array([0.3, 0.15]) + 0.5 * (found[:, 0, :2] - middle[0, :2])

@@ -1,8 +1,8 @@
-"""Write recordings with truth: python -m tests.experiments.honesty.recordings DATA MAKEHUMAN OUT
+"""Write recordings with truth: python -m tests.experiments.honesty.recordings DATA MAKEHUMAN LEAP OUT
 
-DATA: a folder with `webxr_generic_hand`, `umetrack_generic_hand` and, for motions, `realsense_hand_pose`. MAKEHUMAN: the git folder of a
-copy of its repository. OUT: gets a folder for each half of `HALVES`: figures are fitted to `tune`; `fresh`, other people, motions and noise, is
-for one look, after which another is needed.
+DATA: a folder with `webxr_generic_hand`, `umetrack_generic_hand` and, for motions, `realsense_hand_pose`. MAKEHUMAN, LEAP: the git folders
+of copies of makehumancommunity/makehuman and leapmotion/leapjs-playback. OUT: gets a folder for each part of `HALVES`: figures are fitted to
+`tune` and `seen`; `fresh`, other people, motions and noise, is for one look, after which it has been seen.
 """
 
 from __future__ import annotations
@@ -86,8 +86,18 @@ HALVES = {
         4 ragged makehuman3 fist
         6 ragged makehuman0 letters
         6 webxr pinches
+        2 joints unmasked webxr fist
+        2 joints unmasked makehuman6 curls
+        2 joints unmasked umetrack letters
+        2 joints unmasked makehuman0 fist
+        3 joints unmasked makehuman1 fist
+        2 joints unmasked makehuman3 pinches
+        2 joints unmasked umetrack fist
+        3 joints unmasked webxr pinch:0
+        2 joints unmasked makehuman4 fist
+        2 joints unmasked makehuman7 curls
     """,
-    "fresh": """
+    "seen": """
         2 makehuman4 fist
         3 ragged umetrack pinches
         2 late makehuman5 letters
@@ -101,10 +111,26 @@ HALVES = {
         2 joints webxr curls
         3 joints ragged makehuman2 fist
     """,
+    "fresh": """
+        2 joints unmasked makehuman5 fist
+        2 joints unmasked umetrack grab:0
+        3 joints unmasked webxr counts
+        2 joints unmasked makehuman7 letters
+        2 joints ragged makehuman3 fist
+        2 joints webxr grab:0
+        3 joints turned umetrack counts
+        2 joints gaps ragged makehuman1 hand_data_example:0
+        2 ragged makehuman7 counts
+        2 late webxr gun:0
+        3 sleeve makehuman5 HandSplay-110fps:0
+        2 gaps umetrack animbank_a:880
+        3 late turned makehuman2 waves
+        5 ragged makehuman4 fist
+    """,
 }
-"""of each recording cameras, faults, hand, and motion: of `motions.SHAPES`, or FILE:ROW of RealSense's. Faults: masks with ragged outlines; the
-second camera late; the last one turned; gaps, a fifth of the masks missing, and the second camera's before frame 10; a sleeve around the
-forearm; not a fault: a detector's joints beside the masks"""
+"""of each recording cameras, faults, hand, and motion: of `motions.SHAPES`, or FILE:ROW of RealSense's or Leap Motion's. Faults: masks with
+ragged outlines; the second camera late; the last one turned; gaps, a fifth of the masks missing, and the second camera's before frame 10; a
+sleeve around the forearm; not faults: a detector's joints, beside the masks or, unmasked, alone"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +151,7 @@ class Moving:
 
 def main() -> None:
     """Write both halves."""
-    data, makehuman, out = map(Path, sys.argv[1:4])
+    data, makehuman, leap, out = map(Path, sys.argv[1:5])
     hands = read_meshes(data)
     base = cache(lambda: Base.read(makehuman))
 
@@ -134,25 +160,25 @@ def main() -> None:
         return hands[name] if recipe == name else base().hand(people()[int(recipe)])
 
     for half, rows in HALVES.items():
+        seed = "tune" if half == "tune" else "fresh"
         for row in rows.strip().splitlines():
             cameras, *faults, name, motion = row.split()
             rng = np.random.default_rng(
-                zlib.crc32(f"{half} {' '.join(faults)} {name} {motion}".encode())
+                zlib.crc32(f"{seed} {' '.join(faults)} {name} {motion}".encode())
             )
             who = somebody(rng)
-            angles = (
-                motions.read(_bank(data, motion), int(motion.partition(":")[2]), FRAMES + BEFORE)
-                if ":" in motion
-                else motions.moving(motion, FRAMES + BEFORE, rng)
-            )
+            file, _, first = motion.partition(":")
+            bank = data / "realsense_hand_pose" / f"{file}.pose"
+            if not first:
+                angles = motions.moving(motion, FRAMES + BEFORE, rng)
+            elif bank.exists():
+                angles = motions.read(bank, int(first), FRAMES + BEFORE)
+            else:
+                angles = motions.read_leap(leap, file, int(first), FRAMES + BEFORE)
             moving = moved(as_person(hand(name), who), angles, motion, rng, who.left, "sleeve" in faults)  # fmt: skip
             what = "_".join([f"{cameras}cam", *sorted(faults), name, motion.replace(":", "")])
             write(out / half / what, moving, rig_of(int(cameras), rng), rng, faults)
             print(out / half / what, flush=True)
-
-
-def _bank(data: Path, motion: str) -> Path:
-    return data / "realsense_hand_pose" / f"{motion.partition(':')[0]}.pose"
 
 
 def moved(
@@ -217,7 +243,8 @@ def write(
         cameras[-1] = _turned(cameras[-1], rng)
     defined = _DEFINED * rng.normal(size=points[0].shape)
     for number, camera in enumerate(rig):
-        _write_masks(folder / "masks" / camera.name, camera, number == 1, hand, rng, faults)
+        if "unmasked" not in faults:
+            _write_masks(folder / "masks" / camera.name, camera, number == 1, hand, rng, faults)
     if "joints" in faults:
         detected = _as_detected(points, defined, hand.left, rng)
         for camera in rig:
@@ -239,7 +266,8 @@ def describe(
         folder / layout.TRUTH_FILE, keypoints21=points, time_s=np.arange(len(points)) / FPS
     )
     write_rig(folder / layout.CALIBRATION_FILE, rig)
-    found = [CameraSettings(name=c.name, masks=f"masks/{c.name}/*.png") for c in rig]
+    masks = "masks/{}/*.png" if (folder / "masks").is_dir() else ""
+    found = [CameraSettings(name=c.name, masks=masks.format(c.name) or None) for c in rig]
     if any(folder.glob("*.mp4")):
         found = [replace(c, images=f"{c.name}.mp4") for c in found]
     if (folder / "keypoints").is_dir():
