@@ -26,13 +26,13 @@ Tell = Callable[..., None]
 
 
 def copy_of_a_fresh_process(work: Callable[..., object], *arguments: object) -> Any:
-    """Begin a function of a module in a copy of a process that never had threads (`warmed`); two minutes at most.
+    """Begin a function of a module in a copy of a process that never had threads (`warmed`); ten minutes at most.
 
     A copy of the process that tests run in has none of its threads, but the locks that they held, and it waits for threads that are
     not there: measured, 2 in 25 copies hung in the limit of linear algebra's threads while another thread tracked, 58 of 60 in
     OpenBLAS where that has two threads, and each one that collected a video that was read before.
     """
-    process = copies().Process(target=_within_two_minutes, args=(work, *arguments), daemon=True)
+    process = copies().Process(target=_within_ten_minutes, args=(work, *arguments), daemon=True)
     process.start()
     return process
 
@@ -49,8 +49,8 @@ def copies() -> Any:
     return copies
 
 
-def _within_two_minutes(work, *arguments):
-    signal.alarm(120)
+def _within_ten_minutes(work, *arguments):
+    signal.alarm(600)
     work(*arguments)
 
 
@@ -81,21 +81,23 @@ Work = Callable[[Path, Tell, random.Random, Fate], None]
 """works in a folder without end; arms its fate when it begins in earnest"""
 
 
-def killed(folder: Path, rng: random.Random, work: Work, longest_s: float) -> list[list[Any]]:
-    """Let a child work until it kills itself, or is killed within so long of its first word; return what it told."""
+def killed(folder: Path, rng: random.Random, work: Work, lines: int) -> list[list[Any]]:
+    """Let a child work until it kills itself, or is killed once it told some lines, fewer than so many; return what it told."""
     hear, tell = multiprocessing.Pipe(duplex=False)
     child = copy_of_a_fresh_process(_work_until_killed, folder, rng.random(), work, tell)
     tell.close()
-    if rng.random() < 0.8:  # else it may be opening the store still
-        hear.poll(30.0)
-    time.sleep(rng.uniform(0.0, longest_s))
-    child.kill()
-    child.join()
-    assert child.exitcode == -signal.SIGKILL, "it ended by itself"
     told = list[list[Any]]()
+    enough = rng.randrange(lines) if rng.random() < 0.8 else 0  # it may be opening the store still
     with hear, suppress(EOFError, OSError):  # the last may be torn
         while True:
+            if len(told) == enough:
+                time.sleep(rng.uniform(0.0, 0.01))
+                child.kill()
             told.append(json.loads(hear.recv_bytes()))
+    child.join()
+    assert child.exitcode == -signal.SIGKILL, "it ended by itself"
+    for lease in folder.rglob("lease-*.json"):
+        os.utime(lease, (0, 0))  # one that was torn holds for seconds
     return told
 
 

@@ -40,7 +40,9 @@ class Listener:
             return next((s for s in found if isinstance(s, kind) and test(s)), None)
 
         with self._came:
-            assert self._came.wait_for(lambda: find() is not None, 90.0), f"no {kind.__name__} came"
+            assert self._came.wait_for(lambda: find() is not None, 600.0), (
+                f"no {kind.__name__} came"
+            )
             return find()
 
     @property
@@ -72,6 +74,9 @@ class EngineInThreads(Worker):
         if isinstance(snapshot, snapshots.Opened):
             self._why = snapshot.failure
             self._opened[snapshot.is_whole].set()
+
+    def stop(self, timeout: float = 600.0) -> None:
+        super().stop(600.0)
 
     def wait_shown(self, timeout: float) -> Exception | None:
         assert self._opened[False].wait(timeout)
@@ -121,7 +126,7 @@ def shown(folder: Path, **options: Any) -> Iterator[Workbench]:
     """Show a session in a workbench."""
     bench = in_threads(folder, **options).start()
     try:
-        assert bench.wait_ready()
+        assert bench.wait_ready(600.0)
         yield bench
     finally:
         bench.stop()

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Any
 
 
-def eventually(test: Callable[[], Any], what: str = "", timeout: float = 60.0) -> Any:
-    """Wait until the test is true, at most `timeout` [s] of waiting (a kernel may be compiled meanwhile); what: in words, where the test does not say it."""
+def eventually(test: Callable[[], Any], what: str = "", timeout: float = 300.0) -> Any:
+    """Wait until the test is true, at most `timeout` [s] of waiting (the machine may be busy); what: in words, where the test does not say it."""
     for _ in range(int(100 * timeout)):
         if value := test():
             return value

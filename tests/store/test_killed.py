@@ -95,7 +95,7 @@ def work(folder, told, rng, fate):
 def test_a1_a6_a7_killed_at_any_moment_nothing_acknowledged_is_lost(tmp_path):
     rng, known = random.Random(5), Known()
     for number in range(KILLS):
-        for line in killed(tmp_path, random.Random(rng.random()), work, longest_s=0.1):
+        for line in killed(tmp_path, random.Random(rng.random()), work, lines=60):
             known.hear(line)
         known.check(tmp_path)
         known.spans = [Store(tmp_path).current()]

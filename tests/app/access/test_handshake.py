@@ -38,7 +38,7 @@ def open_host():
 
 def asked(web, path=None, **headers):
     """The answer to one who has the cookie, where no path is given."""
-    connection = http.client.HTTPConnection("127.0.0.1", web.port, timeout=60)
+    connection = http.client.HTTPConnection("127.0.0.1", web.port)
     if path is None:
         headers = {"Cookie": f"handtrack_{web.port}={web.token}"} | headers
     connection.request("GET", path or "/", headers=headers)
@@ -102,7 +102,7 @@ def test_a17_the_page_gets_a_cookie_which_lets_its_socket_in(web):
     assert asked(web, "/", **kept).status == 200
     origin = f"http://127.0.0.1:{port}"
     with socket_of(web, token=False, additional_headers=kept, origin=origin) as page:
-        assert page.recv(timeout=60)
+        assert page.recv()
 
 
 @pytest.mark.parametrize("path", ["//evil.example/?token=", "/a/b?token="])
@@ -219,8 +219,8 @@ def test_a11_the_number_of_clients_is_bounded(monkeypatch, allowed, most, status
 def test_a11_half_open_connections_keep_nobody_out(web):
     idle = [socket.create_connection(("127.0.0.1", web.port)) for _ in range(150)]
     assert asked(web).status == 200
-    gone = [wire for wire in idle if closed(wire)]
-    assert len(gone) >= len(idle) - web_server.MOST_CONNECTIONS
+    most = web_server.MOST_CONNECTIONS
+    eventually(lambda: sum(map(closed, idle)) >= len(idle) - most)
     for wire in idle:
         wire.close()
 
@@ -238,7 +238,7 @@ def closed(wire):
 def test_a_client_of_another_version_is_told_so_and_the_terminal_is_not(web, capfd):
     url = f"ws://127.0.0.1:{web.port}/?token={web.token}"
     with connect(url, subprotocols=["viser-v0.9"]) as old, pytest.raises(ConnectionClosed) as end:
-        old.recv(timeout=60)
+        old.recv()
     assert end.value.rcvd.code == 1002
     eventually(lambda: not web.server._websock_server._live_connections)
     assert capfd.readouterr().out == ""

@@ -158,7 +158,7 @@ def test_a1_a3_a4_a5_a6_a7_killed_at_any_moment_no_acknowledged_action_is_lost(
     rng, known, actions = random.Random(7), Known(), 0
     for _ in range(KILLS):
         before = known.last_id
-        for line in killed(tmp_path, random.Random(rng.random()), work, longest_s=0.3):
+        for line in killed(tmp_path, random.Random(rng.random()), work, lines=40):
             known.hear(line)
         known.check(tmp_path)
         actions += known.last_id - before

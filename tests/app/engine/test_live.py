@@ -38,7 +38,7 @@ class Studio:
     def stop(self):
         for device in self.devices:
             device.fail(9)
-        self.worker.stop(30.0)
+        self.worker.stop()
         return self.worker.last_words
 
 

@@ -35,20 +35,20 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path, monkeypatch):
 
     def opener(folder):
         before.extend(listener.seen)
-        assert held.wait(60.0)
+        assert held.wait(600.0)
         return fake_document(folder)
 
     two_steps(monkeypatch, opener)
     worker = EngineInThreads(EnginePlan(tmp_path), listener.publish)
     worker.start()
-    assert worker.wait_shown(60.0) is None
+    assert worker.wait_shown(600.0) is None
     worker.engine.show_frame(5)
     values = fake_document(tmp_path).start
     values[0] += 0.01
     worker.engine.set_pose(5, tuple(values.tolist()), 1)  # it shows at once, and is not lost
     listener.pose(1)
     held.set()
-    assert worker.wait_opened(60.0) is None
+    assert worker.wait_opened(600.0) is None
     worker.stop()
     known = [type(one) for one in before]
     assert known.index(snapshots.SessionSnapshot) < known.index(snapshots.PoseSnapshot)
@@ -68,7 +68,7 @@ def test_a_failure_after_the_preview_is_told(tmp_path, monkeypatch):
     two_steps(monkeypatch, opener)
     worker = EngineInThreads(EnginePlan(tmp_path), listener.publish)
     worker.start()
-    assert isinstance(worker.wait_opened(60.0), ValueError)
+    assert isinstance(worker.wait_opened(600.0), ValueError)
     listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "failed")
     worker.stop()
 

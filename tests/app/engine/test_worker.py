@@ -152,7 +152,7 @@ def test_a_pose_that_does_not_fit_is_asked_about_before_it_is_the_first(tmp_path
 
 def test_the_size_is_fitted_before_the_first_tracking_in_sight_and_cancelled_at_once(tmp_path):
     go_on = threading.Event()
-    for worker, listener in a_desk(tmp_path, size_pending=True, sizing=lambda: go_on.wait(60.0)):
+    for worker, listener in a_desk(tmp_path, size_pending=True, sizing=lambda: go_on.wait(600.0)):
         rest = listener.wait(snapshots.PoseSnapshot).values
         worker.engine.track(0, FRAMES, 3)
         tried = listener.wait(snapshots.PoseSnapshot, lambda pose: pose.frame == 5)

@@ -61,11 +61,11 @@ def browsing(bench, dpr=0.5, size=(1300, 800)):
     if not there_is_one():
         pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
     bench.start()
-    assert bench.wait_ready()
+    assert bench.wait_ready(600.0)
     bench.server.scene.configure_environment_map(None)  # the slowest part to draw in software
     with chromium(size, "--webgl-antialiasing-mode=none") as (page, errors):
         page.goto(f"{bench.url}&fixedDpr={dpr:g}")
-        page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
+        page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"])
         eventually(
             bench.server.get_clients, "its camera is told: only then is it among the clients"
         )

@@ -2,6 +2,7 @@
 through a camera of its own; the next step is offered; settings are undone; names of files are text."""
 
 import json
+import threading
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -172,15 +173,17 @@ def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
 
 
 def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
-    opener = partial(fake_document, step_s=0.05)
+    go_on = threading.Event()
+    opener = partial(fake_document, stuck=lambda frame: frame == 8 and not go_on.is_set())
     with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as client:
         button = bench.layout.next.button
         bench.engine.track(3, FRAMES, 3)
-        eventually(lambda: (_status(bench) >= 0).sum() > 2)
+        eventually(lambda: len(bench.worker.document.results) == 5)
         assert not button.visible  # it is under way
         bench.engine.cancel()
         eventually(lambda: bench.layout.progress.state == "idle")
-        assert np.flatnonzero(_status(bench) >= 0)[-1] < FRAMES - 1
+        eventually(lambda: np.flatnonzero(_status(bench) >= 0)[-1:] == [7])
+        go_on.set()
         eventually(lambda: button.visible)
         client.set_value(button, True)
         eventually(lambda: all(_status(bench)[3:] >= 0))

@@ -114,14 +114,14 @@ def test_no_edit_is_lost_or_done_twice_however_often_the_engine_is_killed(tmp_pa
     monkeypatch.setattr(engine_process, "_MOST_AGAIN", 10**6)  # it begins again however often
     rng, page = random.Random(SEED), Page(tmp_path)
     page.engine.start()
-    assert page.engine.wait_opened(120.0) is None
+    assert page.engine.wait_opened(600.0) is None
     editor, kills = Editor(page, tmp_path, rng), 0
     while kills < KILLS:
         way = rng.choice(("at work", "at work", "does not answer", "opening"))
         if way != "opening":
             eventually(lambda: page.engine._outbox._reported is not None and page.saved != "")
             if rng.random() < 0.6:
-                eventually(lambda: page.saved == "saved", "saved", 120.0)
+                eventually(lambda: page.saved == "saved", "saved")
                 editor.look()
         pid = page.engine.pid
         if way == "does not answer" and pid is not None:
@@ -132,20 +132,20 @@ def test_no_edit_is_lost_or_done_twice_however_often_the_engine_is_killed(tmp_pa
             time.sleep(rng.uniform(0.0, 0.02))
         time.sleep(rng.choice((0.0, rng.uniform(0.0, 0.1), rng.uniform(0.0, 1.2))))
         editor.look()
-        eventually(lambda: page.engine.pid is not None, "an engine", 120.0)
+        eventually(lambda: page.engine.pid is not None, "an engine")
         pid = page.engine.pid
         with suppress(ProcessLookupError, TypeError):
             os.kill(pid, signal.SIGKILL)  # type: ignore[arg-type]
             kills += 1
-        eventually(lambda pid=pid: page.engine.pid != pid, "it ended", 120.0)
+        eventually(lambda pid=pid: page.engine.pid != pid, "it ended")
         for _ in range(rng.randrange(0, 3)):
             editor.edit()  # nobody is there
         lost = editor.missing(editor.acknowledged)
         assert not lost, f"acknowledged, and lost after kill {kills}: {lost}"
-    eventually(lambda: page.saved == "saved" and not page.engine._outbox.edits, "all saved", 120.0)
+    eventually(lambda: page.saved == "saved" and not page.engine._outbox.edits, "all saved")
     given_up = [n.text for n in page.notices if "Given up" in n.text]
     missing = editor.missing(editor.sent)
-    page.engine.stop()
+    page.engine.stop(60.0)
     refused = [n.text for n in page.notices if n.title in ("That did not work", "Internal error")]
     print(
         f"{kills} kills, {editor.sent} edits, {editor.acknowledgements} acknowledgements, {len(given_up)} given up by name, "

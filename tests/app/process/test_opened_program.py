@@ -54,9 +54,7 @@ def test_c40_the_page_outlives_what_tracks(program, tmp_path):
 
         eventually(lambda: came(">ready"))
         client.press("Track all frames")
-        eventually(
-            lambda: came(r"Tracking: ([3-9]|\d\d) of 100 frames"), "frames are tracked", 90.0
-        )
+        eventually(lambda: came(r"Tracking: ([3-9]|\d\d) of 100 frames"), "frames are tracked")
         loaded = Path(f"/proc/{program.pid}/maps").read_text()
         assert not [name for name in ("llvmlite", "scipy", "skimage") if f"/{name}/" in loaded]
         killed = holder_of(tmp_path / "session/tracks").pid
@@ -64,14 +62,14 @@ def test_c40_the_page_outlives_what_tracks(program, tmp_path):
         began = len(client.messages)
         os.kill(killed, signal.SIGKILL)
         eventually(lambda: came("The engine was ended", began))
-        assert came("Tracking stopped at (<[^>]+>)?frame", began)  # a link to it, in the messages
+        eventually(lambda: came("Tracking stopped at (<[^>]+>)?frame", began))  # it may be a link
         eventually(lambda: came("tracked frames", began))
         assert holder_of(tmp_path / "session/tracks").pid != killed
         sent = len(client.messages)
         client.set_value(client.button("x mm"), 12.0)
         eventually(lambda: came("batched_positions", sent))
     program.send_signal(signal.SIGINT)
-    out, err = program.communicate(timeout=120)
+    out, err = program.communicate()
     assert program.returncode == 0
     assert "Traceback" not in out + err
     assert not any((tmp_path / "session/tracks").glob("lease-*.json"))

@@ -1,7 +1,7 @@
 """What the page keeps until it is on disk, and repeats to the next engine."""
 
 from handtrack_app.engine.open_session import COMMANDS
-from handtrack_app.process.engine_process import Outbox, named
+from handtrack_app.process.engine_process import Outbox
 from handtrack_app.protocol.snapshots import Hold, WorkSnapshot
 
 
@@ -60,7 +60,6 @@ def test_a_job_that_may_have_begun_is_given_up_and_one_that_waits_is_not():
     given_up = pipe.outbox.ended()
     pipe.put("refine")
     assert [one.name for one in given_up] == ["track"]
-    assert "track, frames 0 to 4" in named(given_up)
     pipe.outbox.listen(is_anew=False)
     assert pipe.names == ["track", "refine"]
 

@@ -54,7 +54,7 @@ def test_the_viewer_keeps_no_statistics(viewer, tmp_path):
     """By what rerun itself reads as its configuration, without the second way to turn them off."""
     environment = {k: v for k, v in silent_environment().items() if k != "CI"}
     command = [sys.executable, "-m", "rerun", "analytics", "config"]
-    told = subprocess.run(command, env=environment, capture_output=True, check=True, timeout=60)
+    told = subprocess.run(command, env=environment, capture_output=True, check=True)
     if sys.platform == "linux":  # elsewhere its place cannot be named
         assert json.loads(told.stdout)["analytics_enabled"] is False
     assert not list((tmp_path / "home").glob("**/analytics/*"))
@@ -74,7 +74,7 @@ def test_the_viewers_page_asks_no_other_host(viewer):
 
         page.route(re.compile("^http"), see)
         reading = re.compile("ReadMessages")
-        with page.expect_request(reading, timeout=60_000):  # the page runs
+        with page.expect_request(reading):  # the page runs
             page.goto(viewer.page)
         page.wait_for_timeout(2000)
         connects = page.locator("link[rel=preconnect]").count()

@@ -48,13 +48,13 @@ def chromium(size: tuple[int, int], *flags: str) -> Iterator[tuple[Any, list[str
 
     with sync_playwright() as driver:
         browser = driver.chromium.launch(
-            executable_path=CHROMIUM, headless=True, args=[*_FLAGS, *flags]
+            executable_path=CHROMIUM, headless=True, args=[*_FLAGS, *flags], timeout=600_000
         )
         try:
             page = browser.new_context(
                 viewport={"width": size[0], "height": size[1]}, accept_downloads=True
             ).new_page()
-            page.set_default_timeout(90_000)  # [ms]; other tests may have the processor meanwhile
+            page.set_default_timeout(600_000)  # [ms]; other tests may have the processor meanwhile
             errors: list[str] = []
             page.on("pageerror", lambda error: errors.append(str(error)))
             page.on("console", lambda said: _hear(said, errors))

@@ -110,7 +110,7 @@ class WireClient:
                 and {"uuid", "value", "props"} <= message.keys()
             ]
 
-    def trigger(self, words: str, timeout: float = 60.0) -> None:
+    def trigger(self, words: str, timeout: float = 600.0) -> None:
         """Give a command of the palette once the page has it. Raises TimeoutError where it does not come within so many seconds."""
 
         def command() -> str | None:
@@ -143,14 +143,14 @@ class WireClient:
                     there = None
         return there
 
-    def press(self, label: str, timeout: float = 60.0) -> None:
+    def press(self, label: str, timeout: float = 600.0) -> None:
         """Press a button once the page has it. Raises TimeoutError where it does not come within so many seconds."""
         with self._came:
             if not self._came.wait_for(lambda: self.button(label) is not None, timeout):
                 raise TimeoutError(f"no button {label!r} on the page within {timeout:g} s")
             self.set_value(self.button(label), True)
 
-    def wait_for(self, after: float, name: str, prop: str, timeout: float = 60.0) -> float | None:
+    def wait_for(self, after: float, name: str, prop: str, timeout: float = 600.0) -> float | None:
         """Return when the first update of a scene node's property came after a time; None if none did."""
 
         def found() -> float | None:

@@ -271,9 +271,10 @@ class Room:
 
     def change(self, client: viser.ClientHandle, **values: object) -> None:
         """Change a taste, and let the browser remember it."""
-        taste = replace(self.tastes.get(client.client_id, Taste()), **values)
-        self._apply(client, taste)
-        client.local_storage.set_item(KEPT_AS, json.dumps(asdict(taste)))
+        with self._lock:  # two keys on two threads: what is remembered last has both
+            taste = replace(self.tastes.get(client.client_id, Taste()), **values)
+            self._apply(client, taste)
+            client.local_storage.set_item(KEPT_AS, json.dumps(asdict(taste)))
 
     def turn_light(self, client: viser.ClientHandle) -> None:
         """Change between light and dark."""
