@@ -99,14 +99,15 @@ def _minimised(
     size = np.sqrt(np.maximum(np.ravel(squares), 1e-30))  # makes all unknowns weigh alike
 
     def cost(scaled: Floats) -> float:
-        return _robust_cost(residuals(_moved(state, free, scaled / size), corners), scale) / 2
+        value, _ = _soft_l1(residuals(_moved(state, free, scaled / size), corners), scale)
+        return value / 2
 
     @lru_cache(maxsize=1)  # gradient and curvature are asked for at the same place
     def system(scaled: bytes) -> tuple[Floats, Floats]:
         moved = _moved(state, free, np.frombuffer(scaled) / size)
         left = residuals(moved, corners).reshape(-1)
         jacobian = _jacobian(moved, corners, free).multiply(1 / size)
-        weighted = jacobian.multiply(_robust_weight(left, scale)[:, None])
+        weighted = jacobian.multiply(_soft_l1(left, scale)[1][:, None])
         return -(weighted.T @ left), (weighted.T @ jacobian).toarray()
 
     start = _numbers(state)[free] * size
@@ -123,14 +124,11 @@ def _minimised(
     return _moved(state, free, found.x / size), bool(found.success)
 
 
-def _robust_cost(left: Floats, scale: float) -> float:
-    """Return the sum of soft L1 losses: as r² for small residuals, as 2 |r| scale for large ones."""
-    cost = float((2 * scale**2 * (np.sqrt(1 + (left / scale) ** 2) - 1)).sum())
-    return cost if np.isfinite(cost) else np.inf
-
-
-def _robust_weight(left: Floats, scale: float) -> Floats:
-    return 1 / np.sqrt(1 + (left / scale) ** 2)
+def _soft_l1(left: Floats, scale: float) -> tuple[float, Floats]:
+    """Return the sum of soft L1 losses, as r² for small residuals, as 2 |r| scale for large ones; and the residuals' weights."""
+    root = np.sqrt(1 + (left / scale) ** 2)
+    cost = float((2 * scale**2 * (root - 1)).sum())
+    return cost if np.isfinite(cost) else np.inf, 1 / root
 
 
 def spread(left: Floats) -> float:
@@ -197,7 +195,7 @@ def _uncertainty(
     skewed = down * (corners.camera[:, None] == np.arange(len(state.lens)))
     skew_columns = np.stack([skewed, np.zeros_like(skewed)], axis=1).reshape(-1, len(state.lens))
     whole = csr_matrix(hstack([_jacobian(state, corners, free), csr_matrix(skew_columns)]))
-    weighted = whole.multiply(_robust_weight(left.reshape(-1), scale)[:, None])
+    weighted = whole.multiply(_soft_l1(left.reshape(-1), scale)[1][:, None])
     normal = (weighted.T @ whole).toarray()
     diagonal = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     scaled = normal / np.outer(diagonal, diagonal)
