@@ -32,25 +32,29 @@ _CAUGHT_UP = 4
 """frames at most that are solved anew before a live camera: all of them would take a second, in which the hand moves on"""
 
 
+class _Reports(Observer, list[SearchReport]):
+    """Searches of a frame."""
+
+    def search(self, report: SearchReport) -> None:
+        self.append(report)
+
+
 @dataclass(eq=False)
-class _Frame(Observer):
+class _Frame:
     """A frame that is solved, as long as no search finds a better pose in it or before."""
 
     number: int
     after: TrackerState | None = None
     result: FrameResult | None = None
-    reports: list[SearchReport] = field(default_factory=list)
+    reports: _Reports = field(default_factory=_Reports)
     beside: Future[Stepped] | None = None
     """a whole step with its searches, made beside"""
-    searched: list[SearchReport] = field(default_factory=list)
+    searched: _Reports = field(default_factory=_Reports)
     """what that tells"""
     dropped: threading.Event = field(default_factory=threading.Event)
     """set where nobody waits for it any longer"""
     failure: Exception | None = None
     """instead of a result: told once the frames before it are settled"""
-
-    def search(self, report: SearchReport) -> None:
-        self.reports.append(report)
 
 
 class SpeculativeExecution:
@@ -91,15 +95,15 @@ class SpeculativeExecution:
     def _stepped(self, number: int) -> Stepped | None:
         """Return a frame solved with its searches; None when stopped."""
         seen = self._observe(number, self._tracker.expected_bones(self._state, number))
-        frame = _Frame(number)
-        control = replace(self._control, observer=frame)
+        reports = _Reports()
+        control = replace(self._control, observer=reports)
         self._state, result = self._tracker.step(self._state, seen, control)
         if self._control.should_stop():
             return None
-        if frame.reports:
-            self._learn(any(report.winner is not None for report in frame.reports))
+        if reports:
+            self._learn(any(report.winner is not None for report in reports))
         self._show(result)
-        self._report(frame.reports)
+        self._report(reports)
         return self._state, result
 
     def _pursued(self, numbers: Iterator[int], pool: ThreadPoolExecutor) -> Iterator[Stepped]:
@@ -143,7 +147,7 @@ class SpeculativeExecution:
         """Solve a frame without searches; begin beside what is due."""
         frame = _Frame(number)
         self._ahead.append(frame)
-        before, control = self._state, replace(self._control, observer=frame)
+        before, control = self._state, replace(self._control, observer=frame.reports)
         try:
             seen = self._observe(number, self._tracker.expected_bones(before, number))
             frame.after, frame.result, due = self._tracker.step_without_search(
@@ -166,7 +170,7 @@ class SpeculativeExecution:
         control = replace(
             self._control,
             should_stop=lambda: frame.dropped.is_set() or asked(),
-            observer=_Frame(frame.number, reports=frame.searched),
+            observer=frame.searched,
         )
         frame.beside = pool.submit(self._tracker.step, before, seen, control)
 
