@@ -20,10 +20,10 @@ from handtrack.tracking.frame.motion_belief import MotionBelief
 from handtrack.tracking.hypotheses import mixture, mixture_search
 from handtrack.tracking.hypotheses.mixture import searched
 from handtrack.tracking.hypotheses.mixture_search import (
-    Component,
     FirstHypotheses,
     MixtureObjective,
     NextHypotheses,
+    Source,
     without_memory,
 )
 from tests.tracking.scenes import Told
@@ -49,8 +49,13 @@ def frame(model, *priors, keypoints=()):
     return FrameTerms(model, settings(), (), (), None, None, keypoints, priors)
 
 
-def belief(mean, covariance):
-    return MotionBelief.at_rest(np.asarray(mean, dtype=float), covariance, np.ones(len(mean)))
+def component(mean, covariance, terms, weight=1.0, number=0):
+    expected = MotionBelief.at_rest(mean, covariance, np.ones(len(mean)))
+    return Source("followed", terms, 12, expected, number, float(np.log(weight)))
+
+
+def carried_on(components, **values):
+    return searched(NextHypotheses(BALL, settings(**values), STIFF, NOTHING, Control(), components))
 
 
 def turned(angle):
@@ -68,12 +73,10 @@ def test_two_parameters_that_err_together_are_weighed_together():
         covariance = np.diag(np.full(6, 1e-4))
         covariance[plane] = 0.04 * np.array([[1.0, slope], [slope, 1.0]])
         likely = frame(BALL, CorrelatedPrior(turned(0.35), information))
-        components.append(Component(belief(turned(angle), covariance), likely, 0.5))
+        components.append(component(turned(angle), covariance, likely, 0.5, len(masses)))
         both = covariance[plane] + np.linalg.inv(information[plane])
         masses.append(multivariate_normal([0.0, angle], both).pdf([0.0, 0.35]))
-    found, parents = searched(
-        NextHypotheses(BALL, settings(), STIFF, NOTHING, Control(), components)
-    )
+    found, parents = carried_on(components)
     weights = dict(zip(parents, [h.weight for h in found], strict=True))
     assert weights[0] / weights[1] == pytest.approx(masses[0] / masses[1], rel=1e-2)
     assert abs(masses[0] / masses[1] - 1.0) > 0.3
@@ -91,7 +94,6 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     information[columns] = 1.0 / sharp**2
     variance = np.full(26, 1e-4)
     variance[columns] = expected**2
-    last = belief(mean, np.diag(variance))
     terms = frame(HAND, CorrelatedPrior(seen, np.diag(information)))
     camera = simulated_rig(1, (320, 240)).cameras[0]
     unseen = np.full((len(HAND.joint_names), 2), np.nan)
@@ -101,7 +103,12 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     told = Told()
     found, _ = searched(
         NextHypotheses(
-            HAND, chosen, [chain], look, Control(observer=told), [Component(last, terms, 1.0)]
+            HAND,
+            chosen,
+            [chain],
+            look,
+            Control(observer=told),
+            [component(mean, np.diag(variance), terms)],
         )
     )
     weights = {h.origin: h.weight for h in found}
@@ -125,7 +132,7 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
     seen = ImageKeypoints(camera, HAND.joint_names, pixels, 1.0)
     look = Observation(3, 0.0, keypoints=(seen,))
     two = [chain for chain in chains_of(HAND) if chain.name in ("index", "ring")]
-    last = Component(belief(rest, 1e-4 * np.eye(26)), frame(HAND), 1.0)
+    last = component(rest, 1e-4 * np.eye(26), frame(HAND))
 
     def log_priors(votes):
         monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
@@ -142,16 +149,14 @@ def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monke
     """The middle one is 4 mm from the heaviest in shape: it is no alternative, however heavy beside the third."""
     bells = [(0.5, 0.0), (0.3, 0.1), (0.2, 1.5)]
     components = [
-        Component(belief(turned(angle), 1e-4 * np.eye(6)), frame(BALL), w) for w, angle in bells
+        component(turned(angle), 1e-4 * np.eye(6), frame(BALL), w, n)
+        for n, (w, angle) in enumerate(bells)
     ]
-    found, parents = searched(
-        NextHypotheses(BALL, settings(), STIFF, NOTHING, Control(), components)
-    )
+    found, parents = carried_on(components)
     assert parents == (0, 1, 2)
     assert_allclose([h.weight for h in found], [0.5, 0.3, 0.2], rtol=1e-6)
-    apart = settings(**{"tracker.hypotheses": 2})
     monkeypatch.setattr(mixture, "APART_MM", 20.0)
-    found, parents = searched(NextHypotheses(BALL, apart, STIFF, NOTHING, Control(), components))
+    found, parents = carried_on(components, **{"tracker.hypotheses": 2})
     assert parents == (0, 2)
     assert_allclose([h.weight for h in found], [5 / 7, 2 / 7], rtol=1e-6)
     # nothing was seen: the belief neither moved nor became surer

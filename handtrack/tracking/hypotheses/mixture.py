@@ -15,7 +15,7 @@ from handtrack.sampling.chains import chains_of
 from handtrack.sampling.suppression import apart_joints
 from handtrack.solver.covariance import covariance
 from handtrack.solver.levenberg_marquardt import SolveSummary
-from handtrack.tracking.frame.constants import APART_MM
+from handtrack.tracking.frame.constants import APART_MM, MIXTURE_DESCENTS
 from handtrack.tracking.frame.control import Tried
 from handtrack.tracking.frame.descent import by_keypoints_alone, stage_problem
 from handtrack.tracking.frame.frame_task import FrameTask
@@ -30,10 +30,11 @@ from handtrack.tracking.frame.terms.priors import agility
 from handtrack.tracking.hypotheses.mixture_search import (
     FIRST_HYPOTHESES,
     NEXT_HYPOTHESES,
-    Component,
+    WEIGHTLESS,
     FirstHypotheses,
     MixtureObjective,
     NextHypotheses,
+    Source,
     Start,
 )
 from handtrack.tracking.search.engine import report, run_rounds
@@ -125,7 +126,8 @@ def solve_mixture(task: FrameTask, carried: Sequence[Hypothesis]) -> Step:
         parents = range(len(carried))
         return _with_alternatives(task.model, task.unseen(), carried, parents)
     if carried:
-        components = [_component(task, hypothesis) for hypothesis in carried]
+        most = max(MIXTURE_DESCENTS // len(carried), 2)
+        components = [_component(task, one, most, n) for n, one in enumerate(carried)]
         hypotheses, parents = searched(NextHypotheses(*objective, components))
         terms = components[parents[0]].terms
     else:
@@ -138,7 +140,7 @@ def solve_mixture(task: FrameTask, carried: Sequence[Hypothesis]) -> Step:
     return _with_alternatives(task.model, solved, hypotheses, parents)
 
 
-def _component(task: FrameTask, hypothesis: Hypothesis) -> Component:
+def _component(task: FrameTask, hypothesis: Hypothesis, most: int, number: int) -> Source:
     """Return a hypothesis of the last frame moved on to this one."""
     goes_on = task.settings.tracker.prediction == "constant_velocity"
     push = speed_of_change(task.model, task.settings)
@@ -147,7 +149,8 @@ def _component(task: FrameTask, hypothesis: Hypothesis) -> Component:
     bones = task.model.bones(hypothesis.params)
     texture = task.texture and replace(task.texture, bones=bones)
     terms = replace(task, expected=None, texture=texture).terms(belief.mean)
-    return Component(belief, terms, hypothesis.weight)
+    log = float(np.log(max(hypothesis.weight, WEIGHTLESS)))
+    return Source("followed", terms, most, belief, number, log)
 
 
 def _with_alternatives(

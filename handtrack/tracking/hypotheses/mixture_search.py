@@ -37,12 +37,14 @@ from handtrack.tracking.search.engine import Candidate, Round, Search
 _COARSE = 10.0  # times sigma, of a first frame's joints: a wide basin
 _MEMORY_FRAMES = 10.0  # over about so many frames a belief remembers, so each counts this share of the static priors
 _LEAVES = 96  # of a tree
-_WEIGHTLESS = np.finfo(float).tiny
+WEIGHTLESS = np.finfo(float).tiny
 
 
 @array_dataclass
 class Source:
-    """Where some starts come from, and what is known there before the frame is seen."""
+    """Where some starts come from, and what is known there before the frame is seen. A component is one: a hypothesis of the last frame
+    moved to where it is expected now, its terms without the pull to it.
+    """
 
     origin: str
     terms: FrameTerms
@@ -54,7 +56,13 @@ class Source:
     parent: int = -1
     """hypothesis of the last frame; −1 in a first frame"""
     log_prior: float = 0.0
-    """log of the weight and of the prior's normalisation"""
+    """log of the weight, and of the prior's normalisation where the terms pull"""
+
+    @property
+    def bell(self) -> MotionBelief:
+        """The belief, after a first frame."""
+        assert self.belief is not None
+        return self.belief
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -192,20 +200,6 @@ class FirstHypotheses(MixtureObjective):
 
 
 @array_dataclass
-class Component:
-    """One bell of the temporal prior: a hypothesis of the last frame moved to where it is expected now."""
-
-    belief: MotionBelief
-    terms: FrameTerms
-    """what the frame costs, without any pull to the expected pose"""
-    weight: float
-
-    @property
-    def log_weight(self) -> float:
-        return float(np.log(max(self.weight, _WEIGHTLESS)))
-
-
-@array_dataclass
 class NextHypotheses(MixtureObjective):
     """A frame after others; see engine.Objective. docs/how-to/one_camera.md.
 
@@ -214,7 +208,7 @@ class NextHypotheses(MixtureObjective):
     temporal prior of a jump, which is flat in the parameters of the chain that jumped.
     """
 
-    components: Sequence[Component]
+    components: Sequence[Source]
 
     def motion_prediction(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose each hypothesis of the last frame, moved by its predicted motion."""
@@ -233,15 +227,13 @@ class NextHypotheses(MixtureObjective):
         return JUMP_SHARE if self.chains and self.reference is not None else 0.0
 
     def _followed(self, i: int) -> list[Start]:
-        component, most = self.components[i], max(MIXTURE_DESCENTS // len(self.components), 2)
-        belief = component.belief
+        component, belief = self.components[i], self.components[i].bell
         if self.settings.traits.closest_prior:
-            source = Source("followed", component.terms, most, belief, i)
-            return self.starts(source, belief.mean[None])
-        log = np.log1p(-self._jump_share) + component.log_weight
+            return self.starts(component, belief.mean[None])
+        log = np.log1p(-self._jump_share) + component.log_prior
         log += log_normal(belief.place_covariance)
         terms = pulled(self.model, component.terms, belief, ())
-        source = Source("followed", terms, most, belief, i, float(log))
+        source = replace(component, terms=terms, log_prior=float(log))
         # where a limb passes through the image plane, its flips are near enough to need no jump
         nearby = [params for (at, _), params in self._leaves.items() if at == i]
         return self.starts(source, np.concatenate([belief.mean[None], *nearby]))
@@ -249,26 +241,25 @@ class NextHypotheses(MixtureObjective):
     def _jump(self, i: int, c: int) -> Source:
         """Return the source of starts in which a component's chain is anywhere within its limits."""
         component, chain = self.components[i], self.chains[c]
-        model, belief, names = self.model, component.belief, self.model.transform.names
+        model, belief, names = self.model, component.bell, self.model.transform.names
+        jumped = replace(component, origin=f"{chain.name} jumped", most=1)
         if self.settings.traits.closest_prior:
-            return Source(f"{chain.name} jumped", component.terms, 1, belief, i)
+            return jumped
         columns = np.array(indices(names, chain.parameters))
         low, high = model.bounds(belief.mean)[columns].T
         ranges = np.clip(high - low, 1e-3, 2.0 * np.pi)
         others = np.setdiff1d(np.arange(len(names)), columns)
         known = belief.place_covariance[np.ix_(others, others)]
-        log = float(np.log(self._jump_share * max(self._votes[i][c], _WEIGHTLESS)))
-        log += component.log_weight + log_normal(known)
+        log = float(np.log(self._jump_share * max(self._votes[i][c], WEIGHTLESS)))
+        log += component.log_prior + log_normal(known)
         log -= float(np.log(ranges).sum())
         spread = np.zeros(len(names))
         spread[columns] = ranges / np.sqrt(12.0)
-        return Source(
-            f"{chain.name} jumped",
-            pulled(model, component.terms, belief, columns),
-            1,
-            belief.released(columns, spread, unknown_speed(len(names))),
-            i,
-            float(log),
+        return replace(
+            jumped,
+            terms=pulled(model, component.terms, belief, columns),
+            belief=belief.released(columns, spread, unknown_speed(len(names))),
+            log_prior=float(log),
         )
 
     def weighed(self, source: Source, found: Minima) -> list[Start]:
@@ -293,19 +284,19 @@ class NextHypotheses(MixtureObjective):
             for n, i in enumerate(closest)
         ]
 
-    def _bell(self, component: Component, params: Floats) -> tuple[Floats, Floats]:
+    def _bell(self, component: Source, params: Floats) -> tuple[Floats, Floats]:
         """Return the log of a component's weight and height at params (N, P), and squared distances to it (N,)."""
-        belief, params = component.belief, params.copy()
+        belief, params = component.bell, params.copy()
         for row in params:
             row[3:6] = closest_equivalent(row[3:6], belief.mean[3:6])
         height, distance = long_tailed(belief.mean, belief.place_covariance, params)
-        return component.log_weight + height, distance
+        return component.log_prior + height, distance
 
     @cached_property
     def _votes(self) -> list[Floats]:
         """Of each component (C,) how probable it is that each chain jumps."""
         return [
-            chain_votes(self.model, c.belief.mean, c.belief.place_covariance, self.chains)
+            chain_votes(self.model, c.bell.mean, c.bell.place_covariance, self.chains)
             for c in self.components
         ]
 
@@ -315,12 +306,12 @@ class NextHypotheses(MixtureObjective):
         reference, mixture = self.reference, self.settings.mixture
         if not self._jump_share or reference is None:
             return {}
-        weights = np.array([component.weight for component in self.components])
+        weights = np.exp([component.log_prior for component in self.components])
         leaves: dict[tuple[int, int], list[Floats]] = {}
         quick = by_keypoints_alone(self.components[0].terms)
         draws = mixture.draws if quick else min(mixture.draws, MIXTURE_DESCENTS)
         for i in _drawn(weights / weights.sum(), draws, self.rng):
-            belief = self.components[i].belief
+            belief = self.components[i].bell
             c = int(self.rng.choice(len(self.chains), p=self._votes[i]))
             sample = covariance_scaled(
                 belief.mean, belief.place_covariance, mixture.scale, 1, self.rng.standard_normal
