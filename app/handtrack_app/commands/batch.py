@@ -23,6 +23,7 @@ from hashlib import blake2b
 from html import escape
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 from uuid import uuid4
 
@@ -53,7 +54,11 @@ def recordings(patterns: Sequence[str], words: Sequence[str], out: Path) -> list
         paths = [Path(p) for p in sorted(glob.glob(os.path.expanduser(pattern), recursive=True))]
         results = [path.parent if path.name == SESSION_FILE else path for path in paths]
         results = [
-            path.resolve() for path in results if path.is_dir() and not _is_output(path, out)
+            folder.resolve()
+            for folder in results
+            if folder.is_dir()
+            and folder.resolve() != out.resolve()
+            and not (folder / LEDGER_FILE).is_file()
         ]
         if not results:
             raise HandtrackError(
@@ -65,10 +70,6 @@ def recordings(patterns: Sequence[str], words: Sequence[str], out: Path) -> list
     asked = [*words, *(f"{name} {version}" for name, version in sorted(versions_in_use().items()))]
     names = _names(ordered)
     return [Outcome(n, str(f), _digest(*asked, *_inputs(f))) for n, f in zip(names, ordered, strict=True)]  # fmt: skip
-
-
-def _is_output(path: Path, out: Path) -> bool:
-    return path.resolve() == out.resolve() or (path / LEDGER_FILE).is_file()
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -160,10 +161,6 @@ class Outcome:
         rank = {FAILED: 4, STARTED: 3, INTERRUPTED: 3, REFUSED: 2}.get(self.state, 0)
         return (rank, self.share("lost"), self.share("doubtful"), self.p_off or 0.0)
 
-    def table(self) -> dict[str, object]:
-        """Return it as JSON has it."""
-        return asdict(self)
-
 
 def read_ledger(file: Path) -> list[Outcome]:
     """Return what a ledger says, in its order; a line that was torn by a crash, or is nobody's, is left out."""
@@ -188,7 +185,7 @@ def append(file: Path, outcome: Outcome) -> None:
 
     A line that was torn before, by a full disk or a lost machine, is closed first.
     """
-    line = json.dumps(outcome.table(), ensure_ascii=False, sort_keys=True).encode() + b"\n"
+    line = json.dumps(asdict(outcome), ensure_ascii=False, sort_keys=True).encode() + b"\n"
     new = not file.exists()
     handle = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
     try:
@@ -224,7 +221,7 @@ def track_one(
     recording: Outcome,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Outcome:
-    """Return how `handtrack track FOLDER …` ended; its outcome and its log are files in the output folder.
+    """Return how `handtrack track FOLDER …` ended; its log is a file in the output folder.
 
     words: the options. threads: that it may use. should_stop: asked all the time; then it is told to stop as by Ctrl-C.
     """
@@ -234,7 +231,7 @@ def track_one(
     command = [sys.executable, "-m", _CHILD, "track", recording.folder, *words, "--json"]
     where = os.pathsep.join(path for path in sys.path if path)
     environment = os.environ | {"HANDTRACK_THREADS": str(threads), "PYTHONPATH": where}
-    with log.open("wb") as errors, log.with_suffix(".json").open("w+b") as message:
+    with log.open("wb") as errors, TemporaryFile() as message:
         child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=message, stderr=errors, env=environment)  # fmt: skip
         asked = False
         while child.poll() is None:
@@ -248,7 +245,6 @@ def track_one(
             child.stdin.close()
         message.seek(0)
         text = message.read().decode(errors="replace")
-    log.with_suffix(".json").unlink()
     # told to stop before it could listen: it has saved nothing, for it had begun nothing
     code = _STOPPED if asked and child.returncode == -signal.SIGTERM else child.returncode
     report = {}
@@ -258,16 +254,12 @@ def track_one(
     cause = "" if code == 0 else _cause(log, code).removeprefix(f"{recording.folder}: ")
     if state == REFUSED and _HELD in cause:
         state = FAILED
-    outcome = replace(
+    return replace(
         recording, state=state, exit_code=code, seconds=round(time.monotonic() - began, 3), frames=report.get("frames", {}),
         p_off=_p_off(Path(recording.folder) / POSES_FILE) if code == 0 else None,
         warnings=report.get("warnings", []), cause=cause, output=str(report.get("output", "")),
         ended=datetime.now(UTC).isoformat(timespec="seconds"),
     )  # fmt: skip
-    file = out / "outcomes" / f"{recording.recording}.json"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    replace_text(file, json.dumps(outcome.table(), indent=1, ensure_ascii=False) + "\n")
-    return outcome
 
 
 def _cause(log: Path, code: int) -> str:
@@ -580,7 +572,7 @@ def run(options: BatchOptions) -> int:
     write_report(out, list(ended.values()))
     own = [ended[one.folder] for one in plan if one.folder in ended]
     files = {"report": str(out / "report.html"), "table": str(out / "report.csv"), "ledger": str(ledger)}  # fmt: skip
-    report = {"recordings": [outcome.table() for outcome in own], **files}
+    report = {"recordings": [asdict(outcome) for outcome in own], **files}
     answer(options.json, report, f"{in_words(own)}. Report: {out / 'report.html'}")
     if stopped or any(one.state == INTERRUPTED for one in own):
         print_status("handtrack batch: interrupted; --resume goes on.")

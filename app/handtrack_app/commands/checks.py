@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Mapping
 from json import dumps
 from pathlib import Path
 
@@ -43,8 +42,9 @@ def check_model(file: Path, out: Path | None, json: bool) -> int:
     }  # fmt: skip
     if out is not None:
         is_robot = out.suffix.lower() == _ROBOT
-        text = urdf_text(model) if is_robot else definition_text(read_definition(file), file)
-        replace_text(out, text)
+        head = f"# Made of {file.name}. What the numbers mean: docs/reference/definitions.md.\n\n"
+        toml = f"{head}{tomlkit.dumps(read_definition(file))}"
+        replace_text(out, urdf_text(model) if is_robot else toml)
     shapes = ", ".join(
         f"{count} ellipsoids in {key}" for key, count in report["ellipsoids"].items()
     )
@@ -80,11 +80,6 @@ def findings(model: ArticulatedModel) -> list[str]:
     if not _SIZES_M[0] < size < _SIZES_M[1]:
         odd.append(f"its joints are {size:.3g} m apart at most: is the unit wrong? Definitions are in millimetres, URDF in metres")  # fmt: skip
     return odd
-
-
-def definition_text(table: Mapping[str, object], source: Path) -> str:
-    """Return a definition as TOML, saying where it comes from."""
-    return f"# Made of {source.name}. What the numbers mean: docs/reference/definitions.md.\n\n{tomlkit.dumps(table)}"
 
 
 # ---- `handtrack evaluate`: standard metrics against the truth

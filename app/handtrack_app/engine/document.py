@@ -16,7 +16,6 @@ from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, 
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.pose_library import pose_names
 from handtrack.observation.pins import Pin
 from handtrack.observation.truth import mean_error_mm
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
@@ -139,14 +138,6 @@ def source_of(choice: MaskChoice) -> MaskSource:
     """Return a choice as the state has it."""
     masks, roi = choice
     return MaskSource(masks if isinstance(masks, str | None) else mask_method_table(masks), roi)
-
-
-def choice_from(source: MaskSource, camera: str) -> MaskChoice:
-    """Return the choice that the state has. Raises HandtrackError."""
-    masks = source.masks
-    if isinstance(masks, dict):
-        return read_mask_method(masks, f"masks of camera '{camera}'"), source.roi
-    return masks, source.roi
 
 
 def usual_values(kind: type[MaskMethod]) -> dict[str, object]:
@@ -396,7 +387,12 @@ class Document:
         saved = self.saved.masks
         if camera not in saved:
             raise unknown_name("camera", camera, tuple(saved))
-        return saved[camera] if source is None else choice_from(source, camera)
+        if source is None:
+            return saved[camera]
+        masks = source.masks
+        if isinstance(masks, dict):
+            masks = read_mask_method(masks, f"masks of camera '{camera}'")
+        return masks, source.roi
 
     @property
     def size(self) -> DecidedSize:
@@ -497,11 +493,6 @@ class Document:
         self.frame, self.before = self.clamped(frame), None
         self.shown = self.pose_at(self.frame)
 
-    def try_pose(self, frame: int, joint_params: Floats[S]) -> None:
-        """Show a frame in a pose that is not kept."""
-        self.show(frame)
-        self.shown = joint_params
-
     @property
     def displayed(self) -> Floats[S]:
         """The joint parameters (S,) of the pose that is looked at: as it is, or as it was before."""
@@ -528,20 +519,13 @@ class Document:
 
     def error_mm(self, frame: int, bones: BonePoses) -> float:
         """Return the mean distance of a frame's posed model to the truth [mm]; NaN without."""
-        truth, model = self.truth_at(frame), self.model
-        if truth is None:
-            return float("nan")
+        model = self.model
         points = model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
-        return mean_error_mm(points, truth)
+        return mean_error_mm(points, self.truth_at(frame))
 
     def decided_pose(self, frame: int) -> DecidedPose:
         """Return what was decided of a frame's pose; an empty one where nothing was."""
         return self.state.pose.get(frame, _UNDECIDED)
-
-    @property
-    def pose_names(self) -> tuple[str, ...]:
-        """The pose library of the model."""
-        return pose_names(self.model.kind)
 
     def start_from(self, first: FirstPose) -> None:
         """Make the pose shown the one that tracking starts from; `first` is what was saved of it."""

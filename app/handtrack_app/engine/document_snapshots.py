@@ -176,7 +176,7 @@ def pose_snapshot(document: Document) -> PoseSnapshot:
         std=None if solved is None else solved.parameter_std,
         truth=document.truth_at(frame),
         error_mm=document.error_mm(frame, bones),
-        note="" if solved is None else status_note(solved),
+        note=_note(solved) if solved is not None else "",
         joints=model.joint_positions(bones),
         pins=pin_cards(document, frame, bones) if is_now else (),
         accepted=frame in document.accepted,
@@ -236,11 +236,10 @@ def _given_error_mm(document: Document, frame: int) -> float:
     return document.error_mm(frame, document.model.bones_within_limits(document.by_hand[frame]))
 
 
-def status_note(result: FrameResult) -> str:
+def _note(result: FrameResult) -> str:
     """Return why a frame is doubtful or lost; saved results keep no more than that the fingers were held."""
-    if result.is_simplified:
-        return f"Fingers held. {result.note[:1].upper()}{result.note[1:]}".rstrip(". ") + "."
-    return result.note[:1].upper() + result.note[1:]
+    note = result.note[:1].upper() + result.note[1:]
+    return f"Fingers held. {note}".rstrip(". ") + "." if result.is_simplified else note
 
 
 # ---- facts of a model

@@ -477,7 +477,8 @@ class JobControl:
     def _tried(self, result: FrameResult) -> None:
         """Show a frame that is tracked to fit the size."""
         if self._follows_now():
-            self._document.try_pose(result.frame, result.parameters)
+            self._document.show(result.frame)
+            self._document.shown = result.parameters
             self._publish(pose_snapshot(self._document))
 
     def _follows_now(self) -> bool:

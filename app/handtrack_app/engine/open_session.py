@@ -240,11 +240,6 @@ class OpenSession:
         self._unrecorded = sorted(known, key=lambda frame: (frame != shown, frame), reverse=True)
         self._recorder.open()
 
-    def _record_next(self) -> None:
-        frame = self._unrecorded.pop()
-        if frame in self.document.results:
-            self._recorder.show(self.document.run, self.document.results[frame])
-
     @Command(edits=True, files=True)
     def save_pose(self) -> None:
         """Write the pose shown to init.json."""
@@ -425,7 +420,9 @@ class OpenSession:
         elif self._score.is_due and not self.jobs.busy:
             self._score.report()
         elif self._unrecorded and not self._recorder.is_behind:
-            self._record_next()
+            frame = self._unrecorded.pop()
+            if frame in self.document.results:
+                self._recorder.show(self.document.run, self.document.results[frame])
         elif not self.document.rows.is_whole:  # of a long track, while nobody waits
             if not self.document.rows.read_more(self.document):
                 self.announce(timeline_snapshot(self.document))

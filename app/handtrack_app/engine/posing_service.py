@@ -11,7 +11,7 @@ import numpy as np
 from handtrack.arrays import Floats, P, S
 from handtrack.diagnostics.score import Score, score
 from handtrack.errors import HandtrackError
-from handtrack.model.pose_library import named_pose
+from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.observation.observation import Observation
 from handtrack.observation.pins import Pin
 from handtrack.session.run import TrackingRun
@@ -92,7 +92,7 @@ class PosingService(Service):
         document = self.document
         current, model = document.pose_at(frame), document.model
         taken = document.start
-        if source in document.pose_names:
+        if source in pose_names(model.kind):
             taken = named_pose(model, source)
             taken[:6] = current[:6]
         elif source == "previous":

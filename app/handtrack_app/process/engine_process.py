@@ -35,7 +35,8 @@ def ending_words(code: int, memory: int | None) -> str:
     code: its exit code, or the number of a signal below 0. memory: what it was allowed [bytes].
     """
     limit = "" if memory is None else f" It may use {memory / GB:.1f} GB (--memory)."
-    name = _signal_name(-code) if code < 0 else ""
+    names = {-one: one.name for one in signal.Signals}
+    name = names.get(code, f"signal {-code}") if code < 0 else ""
     if name == "SIGKILL":
         return f"The engine was ended from outside (SIGKILL), as the system does when memory runs out.{limit}"
     if name in _CRASHES or code > 0:
@@ -67,13 +68,6 @@ def down_notice(how: str, times: int, outbox: Outbox, given_up: list[Call]) -> N
     text += f" Not on disk yet: {edits}; done again then." if (edits := outbox.words) else ""
     text += f" Given up: {named(given_up)}." if given_up else ""
     return Notice("error", "The engine stays ended", f"{text} Details: {ENGINE_LOG}")
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
 
 
 log = logging.getLogger(__name__)

@@ -36,7 +36,7 @@ from handtrack.tracking.frame.result import FrameResult
 
 if TYPE_CHECKING:
     from rerun import FileSink, GrpcSink, RecordingStream
-    from rerun.blueprint import Blueprint, Spatial2DView
+    from rerun.blueprint import Blueprint
 
 _MOST_POINTS = 20_000  # of a cloud, evenly spread: enough to see it by
 _LONG_MM = 80.0  # a camera's picture stands so far before it
@@ -375,12 +375,15 @@ def grey(picture: Array[H, W]) -> Bytes[H, W]:
 def _layout(kinds: Set[str] = frozenset()) -> Blueprint:
     import rerun.blueprint as rrb
 
-    shown = ("image", "residual", "observed", "predicted", *sorted(kinds))
+    shown = [
+        rrb.Spatial2DView(origin="/cameras", contents=f"/cameras/*/{kind}", name=kind.capitalize().replace("_", ": "))
+        for kind in ("image", "residual", "observed", "predicted", *sorted(kinds))
+    ]  # fmt: skip
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
                 rrb.Spatial3DView(origin="/world", name="Space"),
-                rrb.Grid(*[_pictures_view(kind) for kind in shown]),
+                rrb.Grid(*shown),
             ),
             rrb.Vertical(
                 rrb.TimeSeriesView(origin="/energy", name="Cost by term"),
@@ -392,14 +395,6 @@ def _layout(kinds: Set[str] = frozenset()) -> Blueprint:
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline="frame"),
-    )
-
-
-def _pictures_view(kind: str) -> Spatial2DView:
-    import rerun.blueprint as rrb
-
-    return rrb.Spatial2DView(
-        origin="/cameras", contents=f"/cameras/*/{kind}", name=kind.capitalize().replace("_", ": ")
     )
 
 

@@ -88,7 +88,10 @@ class StartPage:
         gui = self.web.server.gui
         colours(gui)
         dress(self.web.server)
-        self.web.server.on_client_connect(_welcome)
+        # the colours that its browser remembers, else the system's
+        self.web.server.on_client_connect(
+            lambda client: welcome(client, lambda taste: colours(client.gui, taste.colours))
+        )
         self.output = gui.add_html("")
         self.bar = gui.add_progress_bar(0.0, visible=False)
         self.pictures = gui.add_html("", visible=False)
@@ -293,14 +296,6 @@ class StartPage:
         args += [option for option, box in options.items() if box.value]
         self._run(f"Importing {out.name}", args, partial(self.open, out), out)
 
-    def fetch_detector(self) -> None:
-        """Fetch the detector's networks; then there is no more to fetch."""
-        self._run(
-            "Fetching the hand detector",
-            ["detector", "install"],
-            partial(self._offer_tracking, False),
-        )
-
     def _offer_tracking(self, has_joints: bool) -> None:
         """Track after import where something tells the subject's joints: the files, or the detector, which is offered else."""
         self.track.value = has_joints or has_weights()
@@ -328,8 +323,10 @@ class StartPage:
             False,
             hint="Finds the hand in the images, if the hand detector is installed, or the body from its 2D joints, and tracks all frames.",
         )
+        after = partial(self._offer_tracking, False)  # there is no more to fetch
+        fetch = partial(self._run, "Fetching the hand detector", ["detector", "install"], after)
         self.fetch = self._button(
-            f"Get the hand detector ({DOWNLOAD_MB} MB)", self.fetch_detector, icon=viser.Icon.DOWNLOAD,
+            f"Get the hand detector ({DOWNLOAD_MB} MB)", fetch, icon=viser.Icon.DOWNLOAD,
             hint="Fetches the two networks that find a hand in images, once for all recordings. Google's, Apache License 2.0.",
         )  # fmt: skip
         self.make = self._button(
@@ -439,11 +436,6 @@ class StartPage:
         except Exception as error:
             log.exception("callback failed")
             self._notify("That did not work:", f"{type(error).__name__}: {error}")
-
-
-def _welcome(client: viser.ClientHandle) -> None:
-    """Give a page the colours that its browser remembers, else the system's."""
-    welcome(client, lambda taste: colours(client.gui, taste.colours))
 
 
 def _picture(image: Bytes[H, W, D3], name: str = "") -> str:

@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 import viser
 
-from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack_app.page.html import chip, escaped, line, picture, pictures, rgb, table, text
@@ -218,15 +217,11 @@ def counts_table(cloud: CloudSnapshot) -> str:
     for count in cloud.counts:
         colour = FILTERS.get(count.name, FILTERS["range"])
         word = _FILTER_WORDS.get(count.name, count.name)
-        rows.append(_row(word, count.text, colour, count.after, most, _lost(count)))
+        lost = f"−{_grouped(count.before - count.after)}" if count.before > count.after else ""
+        rows.append(_row(word, count.text, colour, count.after, most, lost))
     rows.append(_row("for the tracker", "remaining points", KEPT, cloud.left, most, ""))
     name = text(f"<b>Cloud of frame {cloud.frame}</b>", faint=False)
     return name + table("".join(rows)) + escaped(cloud.words)
-
-
-def _lost(count: FilterReport) -> str:
-    lost = count.before - count.after
-    return f"−{_grouped(lost)}" if lost else ""
 
 
 def _row(

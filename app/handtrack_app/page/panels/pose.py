@@ -380,14 +380,15 @@ def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
         row = "Rotation" if name.startswith("root_r") else group_of(name)
         cells.setdefault(row, []).append(_cell(name, value))
     heads = {PLACE: ("x mm", "y mm", "z mm"), "Thumb": ("flex", "abd.", "2nd", "3rd")}
-    rows = ""
+    rows, colours = "", FINGER_COLOURS | LIMB_COLOURS
     for group, row in cells.items():
         if group in heads:
             titles = "".join(
                 f"<td style='text-align:center;opacity:.85'>{title}</td>" for title in heads[group]
             )
             rows += f"<tr><td></td>{titles}</tr>"
-        rows += f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{_dot(group)}{group}</td>{''.join(row)}</tr>"
+        dot = chip(rgb(colours.get(group.lower(), colours["palm"])))
+        rows += f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{dot}{group}</td>{''.join(row)}</tr>"
     return text(
         "Standard deviation of each joint in this frame. Yellow is uncertain; <b>unseen</b> is not determined by these images."
     ) + text(
@@ -395,11 +396,6 @@ def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
         f"<colgroup><col style='width:6.2em'></colgroup>{rows}</table>",
         faint=False,
     )
-
-
-def _dot(group: str) -> str:
-    colours = FINGER_COLOURS | LIMB_COLOURS
-    return chip(rgb(colours.get(group.lower(), colours["palm"])))
 
 
 def _cell(name: str, std: float) -> str:

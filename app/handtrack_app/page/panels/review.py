@@ -131,7 +131,10 @@ class ReviewPanel:
         """
         interval, frame = self.current, self.page.state.frame
         if what == "All confident":
-            self.page.engine.accept(tuple(undoubted(self.strip)))
+            start, codes = self.strip.start, self.strip.status.tolist()
+            good = {start + n for n, code in enumerate(codes) if code in (0, 3, 4)}
+            sure = number_runs(good.union(self.strip.by_hand))
+            self.page.engine.accept(tuple((first, stop - 1) for first, stop in sure))
         elif interval is not None and what != "Frame":
             self.page.engine.accept(((interval.first, interval.last),))
             if len(self.intervals) > 1:
@@ -283,12 +286,6 @@ def here_words(frame: int, accepted: bool, interval: ReviewInterval | None) -> s
             f"{html.escape(interval.words)}."
         )
     return f"<div class='handtrack-queue'>{text(said, faint=False)}</div>"
-
-
-def undoubted(strip: TimelineSnapshot) -> list[tuple[int, int]]:
-    """Return runs of frames, first to last, that are tracked well or set by hand."""
-    good = {strip.start + n for n, code in enumerate(strip.status.tolist()) if code in (0, 3, 4)}
-    return [(first, stop - 1) for first, stop in number_runs(good.union(strip.by_hand))]
 
 
 # ---- The one next step of the work, over the timeline

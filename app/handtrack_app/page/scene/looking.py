@@ -136,7 +136,11 @@ class Looking:
                 picture = _picture(state.look(number), field)
                 screen = self._screens.get(number)
                 if screen is None and picture is not None:
-                    screen = self._screens[number] = Screen(_add_screen(client))
+                    hidden = client.scene.add_image(
+                        _SCREEN, np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
+                        receive_shadow=False, visible=False,
+                    )  # fmt: skip
+                    screen = self._screens[number] = Screen(hidden)
                     self._drags_turn(client, screen.image, "left")
                     self._drags_turn(client, screen.image, "right")
                 if screen is None:
@@ -232,14 +236,6 @@ def _pixel(card: Camera, depth: float, eye: Floats[D3], through: Floats[D3]) -> 
     near, far = card.to_camera(np.stack([eye, through]))[:, 2]
     share = (depth - near) / (far - near) if abs(far - near) > 1e-9 else -1.0
     return None if share <= 0 else ray_pixel(card, eye + share * (through - eye) - card.centre)
-
-
-def _add_screen(client: viser.ClientHandle) -> viser.ImageHandle:
-    """Add a picture to one page's own scene, hidden until it comes."""
-    return client.scene.add_image(
-        _SCREEN, np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
-        receive_shadow=False, visible=False,
-    )  # fmt: skip
 
 
 def _place(screen: Screen, card: Camera, hand: Floats[D3], larger: float) -> None:
