@@ -56,7 +56,8 @@ def export_poses(options: ExportOptions) -> int:
         )
         return 0
     chosen = export_format(options.to)
-    folder = options.session or session_of(options.poses)
+    around = options.poses.resolve().parents[len(Path(POSES_FILE).parts) - 1]
+    folder = options.session or (around if (around / SESSION_FILE).is_file() else None)
     table = ResultsTable.read(options.poses, folder)
     table = replace(table, mano=options.mano)
     if options.metadata is not None:
@@ -96,12 +97,6 @@ def _foreign(track: TrackResult, poses: Path, folder: Path) -> list[str]:
         warnings = foreign_takes(Store(folder / TRACKS_FOLDER), session) if own else []
         return warnings or foreign_result(track, str(poses), session)
     return []
-
-
-def session_of(poses: Path) -> Path | None:
-    """Return the session folder that a result lies in, None where it lies elsewhere."""
-    folder = poses.resolve().parents[len(Path(POSES_FILE).parts) - 1]
-    return folder if (folder / SESSION_FILE).is_file() else None
 
 
 # ---- `handtrack takes`

@@ -97,7 +97,9 @@ def run(options: SimulateOptions) -> int:
         if motion not in known_motions:
             raise unknown_name("motion", motion, known_motions, "--motion")
     else:
-        raw = theirs, _, _ = read_given(options, file)
+        raw = theirs, _, _ = read_motion(
+            file, options.skeleton, options.motion_fps, options.positions
+        )
         motion, model = file.name, model_of(options, theirs.names, file)
         distance_m = _usual(model)[1]
         clip, _ = clip_of(options, raw, load_model(model, side=options.side), file)
@@ -173,7 +175,9 @@ def retarget(options: RetargetOptions) -> int:
         output_file(options.out, (".npz",), "poses are")
     else:
         check_new(options.out)
-    raw = theirs, _, _ = read_given(options, options.file)
+    raw = theirs, _, _ = read_motion(
+        options.file, options.skeleton, options.motion_fps, options.positions
+    )
     name = model_of(options, theirs.names, options.file)
     if "/" in name or name.endswith(".toml"):
         raise HandtrackError(
@@ -214,11 +218,6 @@ def retarget(options: RetargetOptions) -> int:
 Posed = Callable[[ArticulatedModel], Floats[F, P] | None]
 _HAND_JOINTS = 12
 """of a hand's 21, from which on a file is a hand's where it is no body's"""
-
-
-def read_given(options: MotionOptions, path: Path) -> tuple[MotionClip, float | None, str]:
-    """Return what the file says, after `--skeleton`, `--motion-fps` and `--positions`. Raises HandtrackError."""
-    return read_motion(path, options.skeleton, options.motion_fps, options.positions)
 
 
 def model_of(options: MotionOptions, names: Sequence[str], path: Path) -> str:

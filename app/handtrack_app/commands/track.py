@@ -188,8 +188,12 @@ def _save(
     if json_since is None:
         by_status = f"{counts['tracked']} tracked, {counts['doubtful']} of low confidence, {counts['lost']} lost"
         fixed = f", {counts['keyframe']} set by hand" if counts["keyframe"] else ""
+        sure = None if run.first is None else run.first.confidence
+        begun = ""
+        if sure is not None and sure < SURE:
+            begun = f", from a first pose that was {percent(sure)} sure"
         print(
-            f"{len(results)} of {len(frames)} frames{_begun_at(run)}: {by_status}{fixed}{hand and f'; {hand}'}. "
+            f"{len(results)} of {len(frames)} frames{begun}: {by_status}{fixed}{hand and f'; {hand}'}. "
             f"Saved to {place}",
             flush=True,
         )
@@ -210,14 +214,6 @@ def _save(
         )
         return INTERRUPTED
     return 0
-
-
-def _begun_at(run_: TrackingRun) -> str:
-    """Return how sure the first pose was, in words, where it was not."""
-    sure = None if run_.first is None else run_.first.confidence
-    return (
-        "" if sure is None or sure >= SURE else f", from a first pose that was {percent(sure)} sure"
-    )
 
 
 def _write(out: Path, track: TrackResult) -> tuple[Path, str]:

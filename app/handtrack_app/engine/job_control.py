@@ -396,7 +396,10 @@ class JobControl:
 
     def see_arm(self) -> None:
         """Give the model a forearm where the frame shown has one; never under a job, as what it solves for would change."""
-        document, arm = self._document, NOTHING if self.busy else edits.arm_in_view(self._document)
+        document, arm = self._document, NOTHING
+        if not self.busy:
+            params = document.model.params_within_limits(document.shown)
+            arm = edits.arm(document, document.run.with_arm_in_view(document.frame, params).arm_m)
         if self._store.do("Forearm in view", arm, kind=NOTE):
             self._publish(session_snapshot(document))
             self._publish(pose_snapshot(document))

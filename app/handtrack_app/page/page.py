@@ -402,9 +402,10 @@ class Page:
         """Add a check box."""
         return self.bind(self.gui.add_checkbox(label, on, hint=hint or None, visible=visible), act)
 
-    def toggle(self, label: str, option: str, hint: str) -> None:
+    def toggle(self, label: str, option: str, hint: str = "") -> viser.GuiCheckboxHandle:
         """Add a check box of an option of Display."""
-        self.check(label, getattr(self.state.display, option), partial(self.draw, option), hint)
+        now = getattr(self.state.display, option)
+        return self.check(label, now, partial(self.draw, option), hint)
 
     def choice(
         self, label: str, words: Iterable[str] | Mapping[str, object], act: Callable[[Any], object], hint: str = "",

@@ -127,12 +127,6 @@ def corrected_cameras(document: Document, cameras: Sequence[str]) -> Edit:
     return decide(camera=corrections)
 
 
-def arm_in_view(document: Document) -> Edit:
-    """Give the model a forearm if the frame shown has one beyond the hand."""
-    params = document.model.params_within_limits(document.shown)
-    return arm(document, document.run.with_arm_in_view(document.frame, params).arm_m)
-
-
 def arm(document: Document, arm_m: float) -> Edit:
     """Give the model the forearm that was found, where that is left to the program."""
     asked = document.run.leaves_forearm_open and document.run.arm_m != arm_m

@@ -83,10 +83,11 @@ class CloudPanel:
             "Picture", _PICTURES, partial(self._show, "cloud_picture"),
             "Cameras: each point in the colour of the filter that dropped it; yellow ones stay.",
         )  # fmt: skip
-        self.wide = self._option("Large", "cloud_wide", "Over the scene.")
+        wider = partial(self._show, "cloud_wide")
+        self.wide = page.check("Large", display.cloud_wide, wider, "Over the scene.")
         self.scene = gui.add_folder("In the scene")
         with self.scene:
-            self.on = self._option("Cloud", "cloud")
+            self.on = page.toggle("Cloud", "cloud")
             self.colour = page.choice(
                 "Colour", _COLOURS, partial(self._show, "cloud_colour"),
                 "Distance to the model: blue inside, grey on its surface, orange outside.",
@@ -135,11 +136,6 @@ class CloudPanel:
     def _offer_pair(self) -> None:
         used = self.card.source == "stereo" and self.pair == self.card.pair
         put(self.take_pair, visible=not used)
-
-    def _option(self, label: str, name: str, hint: str = "") -> viser.GuiCheckboxHandle:
-        """Add a check box of what is drawn."""
-        now = getattr(self.page.state.display, name)
-        return self.page.check(label, now, partial(self._show, name), hint)
 
     def set(self, **values: object) -> None:
         """Change settings of [clouds]."""

@@ -346,7 +346,7 @@ class NextStep:
                 return (
                     phrase("No pose yet. Drag the {kind} onto its picture."),
                     "Open a camera view",
-                    self._look,
+                    lambda client: self.page.open_tab(client, "View"),
                 )
             words = phrase("No pose yet. Detect the {kind}, or drag it onto its picture.")
             return (words, phrase("Detect {kind}"), lambda _: self.guesses.search(anywhere=True))
@@ -372,9 +372,6 @@ class NextStep:
     def _review(self, client: viser.ClientHandle) -> None:
         self.page.open_tab(client, "Review", "Queue")
         self.review.visit(0)
-
-    def _look(self, client: viser.ClientHandle) -> None:
-        self.page.open_tab(client, "View")
 
 
 def hidden_words(hidden: tuple[Span, ...]) -> str:

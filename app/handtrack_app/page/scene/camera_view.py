@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import viser
@@ -78,11 +78,6 @@ class CameraRig:
             self.frame = None
             for frustum in self.frusta.values():
                 frustum.image = None
-
-
-def bare(display: Display) -> Display:
-    """Return the display options without all that stands before the image."""
-    return replace(display, mode="", cloud=False, ghosts=False, handle=False, truth=False)
 
 
 def pixel_box(
@@ -203,8 +198,3 @@ class CameraNames:
             return camera
         share = score.overlap.get(camera)
         return camera if share is None else f"{camera}  {share:.2f}"
-
-    def write(self, labels: dict[str, viser.LabelHandle]) -> None:
-        """Write them beside pictures; what stands there already is not sent again."""
-        for camera, label in labels.items():
-            put(label, text=self.of(camera))

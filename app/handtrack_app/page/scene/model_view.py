@@ -19,7 +19,6 @@ from handtrack_app.protocol.snapshots import (
     GuessesSnapshot,
     PoseSnapshot,
     SessionSnapshot,
-    SurfaceSnapshot,
 )
 
 _BONE_RADIUS = 0.0028  # [m]
@@ -159,12 +158,6 @@ def add_surface(server: viser.ViserServer, name: str) -> viser.MeshHandle:
     )  # fmt: skip
 
 
-def update_surface(mesh: viser.MeshHandle, surface: SurfaceSnapshot) -> None:
-    """Take the surface of another pose."""
-    mesh.vertices = surface.vertices
-    mesh.faces = surface.faces.astype(np.uint32)
-
-
 # ---- Small closed meshes that the scene is made of: solids turned around +y
 
 
@@ -237,7 +230,7 @@ _LINE, _SECTION = (44, 48, 54), (62, 68, 76)
 def add_surroundings(
     server: viser.ViserServer, hand: Floats[D3], up: Floats[D3], reach_m: float
 ) -> None:
-    """Add lights and the ground for a hand [m] in a world whose upward axis is `up`.
+    """Add lights, in place of viser's, and the ground for a hand [m] in a world whose upward axis is `up`.
 
     reach_m: how far it extends around its middle; a body stands on the ground.
     """
@@ -246,6 +239,9 @@ def add_surroundings(
     side = np.cross(up, (1.0, 0.0, 0.0) if abs(up[0]) < 0.8 else (0.0, 1.0, 0.0))
     side /= np.linalg.norm(side)
     frame = np.stack([side, np.cross(up, side), up], axis=1)
+    scene.world_axes.visible = False
+    scene.configure_default_lights(enabled=False)
+    scene.configure_environment_map("studio", environment_intensity=0.15)
     scene.add_light_hemisphere(
         "/light/sky", sky_color=(255, 255, 255), ground_color=(120, 120, 130), intensity=0.6
     )
@@ -258,13 +254,6 @@ def add_surroundings(
         section_color=_SECTION, cell_thickness=0.6, section_thickness=0.8, fade_distance=2.5 * larger,
         fade_strength=1.5, shadow_opacity=0.0, wxyz=quaternion_wxyz(frame), position=hand - larger * _BELOW * up,
     )  # fmt: skip
-
-
-def light(server: viser.ViserServer) -> None:
-    """Let nothing but the surroundings' own lights shine."""
-    server.scene.world_axes.visible = False
-    server.scene.configure_default_lights(enabled=False)
-    server.scene.configure_environment_map("studio", environment_intensity=0.15)
 
 
 # ---- Other poses than the one shown, as translucent skeletons
@@ -285,12 +274,12 @@ class Ghosts:
             server.scene, name, capsule(0.5, 0.25, 4, 8), np.full((1, 3), 1e-4),
             batched_colors=np.zeros((1, 3), np.uint8), opacity=_OPACITY, cast_shadow=False, visible=False,
         )  # fmt: skip
-        self.bones.on_click(lambda event: self._clicked(event.instance_index, take))
 
-    def _clicked(self, index: int | None, take: Callable[[int], None]) -> None:
-        known = self.guesses
-        if known is not None and index is not None and 0 <= index < len(known.owner):
-            take(int(known.owner[index]))
+        @self.bones.on_click
+        def _(event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:
+            known, index = self.guesses, event.instance_index
+            if known is not None and index is not None and 0 <= index < len(known.owner):
+                take(int(known.owner[index]))
 
     def update(self, guesses: GuessesSnapshot) -> None:
         """Take others."""

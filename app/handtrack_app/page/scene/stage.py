@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from handtrack_app.page.scene.camera_view import (
     CameraRig,
     CloudView,
     Moments,
-    bare,
     pixel_box,
 )
 from handtrack_app.page.scene.handles import RootHandle
@@ -30,11 +30,9 @@ from handtrack_app.page.scene.model_view import (
     add_surroundings,
     ellipsoid_opacity,
     hand_balls,
-    light,
     remove_hand,
     show_hand,
     update_hand,
-    update_surface,
     update_truth,
 )
 from handtrack_app.page.scene.viewpoint import (
@@ -87,7 +85,6 @@ class Stage:
             "/ghosts",
             lambda n: self.take_guess(n),  # noqa: PLW0108 - it is set later
         )
-        light(server)
         add_surroundings(server, pose.middle, upward(session), session.reach_m)
         begin_at(server, first_view(session, pose.middle))
 
@@ -124,7 +121,10 @@ class Stage:
     def display(self) -> Display:
         """What is drawn now."""
         display = self.page.state.display
-        return bare(display) if self._marking or display.hidden else display
+        if not (self._marking or display.hidden):
+            return display
+        # without all that stands before the image
+        return replace(display, mode="", cloud=False, ghosts=False, handle=False, truth=False)
 
     def _show_ellipsoids(self) -> None:
         """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
@@ -200,7 +200,8 @@ class Stage:
         self._name_cameras()
 
     def _name_cameras(self) -> None:
-        self.names.write(self.cameras.labels)
+        for camera, label in self.cameras.labels.items():
+            put(label, text=self.names.of(camera))
         self.looking.close_ups.draw()
 
     def _fits(self, pose: PoseSnapshot) -> bool:
@@ -240,7 +241,8 @@ class Stage:
         if surface.frame != self.pose.frame:
             return
         with self.page.server.atomic():
-            update_surface(self.surface, surface)
+            self.surface.vertices = surface.vertices
+            self.surface.faces = surface.faces.astype(np.uint32)
             self._surface_at = surface.frame, surface.version, self.session.model
             self._show_ellipsoids()
 
