@@ -8,7 +8,6 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-from scipy.ndimage import convolve1d
 
 from handtrack.arrays import D3, Array, Axes, Bytes, Floats, H, N, W, evenly_spread
 from handtrack.capture.images.frames import FrameSource
@@ -283,6 +282,8 @@ def counted(bins: Array[*Axes], weights: Array[*Axes]) -> Floats[N]:
 
 def log_likelihood(counts: Floats[N]) -> Floats[N]:
     """Return log p of each bin; of all alike where nothing was counted."""
+    from scipy.ndimage import convolve1d  # only where masks are made
+
     cube = counts.reshape((_LEVELS,) * 3)
     for axis in range(3):
         cube = convolve1d(cube, _SPREAD, axis, mode="nearest")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -205,8 +206,9 @@ def check_side_of(what: str, xyz: Floats[D21, D3], session: Session) -> Iterator
     if np.isfinite(xyz).all(axis=1).sum() < _FEWEST_FOR_SIDE or _model(session).kind != "hand":
         return
     other = "left" if given == "right" else "right"
-    off = _off_m(xyz, given)
-    if off > _OTHER_OFF_M and (off_other := _off_m(xyz, other)) < _OTHER_SHARE * off:
+    points = xyz.tobytes()
+    off = _off_m(points, given)
+    if off > _OTHER_OFF_M and (off_other := _off_m(points, other)) < _OTHER_SHARE * off:
         yield warning(
             f"{what}: its joints are a {other} hand's: they fit one to {1e3 * off_other:.1f} mm, a {given} one to "
             f'{1e3 * off:.1f} mm. Is side = "{given}" right in session.toml? If it is, the points are mirrored: '
@@ -221,8 +223,10 @@ def odd_side(first: FirstPose | None, session: Session) -> list[str]:
     return [finding.text for finding in check_side_of("first pose", first.xyz, session)]
 
 
-def _off_m(xyz: Floats, side: str) -> float:
+@lru_cache(maxsize=2)  # the same first pose is asked for before tracking and as it begins
+def _off_m(points: bytes, side: str) -> float:
     """Return how far joints (21, 3) are from those of a hand of that side fitted to them, root mean square [m]."""
+    xyz = np.frombuffer(points).reshape(-1, 3)
     mean = load_model("hand26", side)
     usual = mean.keypoints21(mean.bones(mean.rest_params()))
     sizes = _palm_lengths(xyz) / _palm_lengths(usual)
