@@ -91,7 +91,9 @@ class Session:
         self._clouds: CloudSource | None = cloud_source(file, self.cloud_files, self.views, rig)
         self.truth: Truth | None = self._optional(TRUTH_FILE, read_truth)
         """ground truth, None without truth.npz."""
-        self.init: FirstPose | None = self._optional(INIT_FILE, self._read_init)
+        self.init: FirstPose | None = self._optional(
+            INIT_FILE, lambda path: read_first_pose(path, self._parameter_names())
+        )
         """first pose, None without init.json."""
         self.check_init(self.known_frames)
         self.pins = SessionPins(folder, rig, has_file=self.live is None)
@@ -475,9 +477,6 @@ class Session:
 
     def _read_times(self) -> tuple[FrameTimes, Mapping[str, CameraTimes]]:
         return session_times(self.folder, self.file.session, self.file.cameras)
-
-    def _read_init(self, path: Path) -> FirstPose:
-        return read_first_pose(path, self._parameter_names())
 
     def _parameter_names(self) -> tuple[str, ...] | None:
         """Return the names that init.json may use; None when the model is a file, which is not read here."""

@@ -146,10 +146,6 @@ Event = SizeFitted | PassBegan | FrameTracked | FramesRefined | Warned | Ended
 OnProgress = Callable[[Progress | FrameTracked], None]
 
 
-def _unobserved(progress: Progress | FrameTracked) -> None:
-    """Nobody looks."""
-
-
 def request_for(
     run: TrackingRun, frames: range | None = None, from_init: bool = True
 ) -> TrackingRequest:
@@ -191,7 +187,7 @@ def track_session(
     run: TrackingRun,
     request: TrackingRequest | None = None,
     control: Control = Control(),
-    on_progress: OnProgress = _unobserved,
+    on_progress: OnProgress = lambda progress: None,
     take: TakeRecorder | None = None,
 ) -> Iterator[Event]:
     """Track a session: the same events, and the same numbers, for whoever asks.

@@ -150,7 +150,8 @@ class WritableStore(Store):
         """
         super().__init__(folder)
         make_folders(folder)
-        written = [int(p.stem) for log in self._logs() for p in segments(log)]
+        logs = [folder / _ACTIONS, *(take.folder for take in self._all_takes())]
+        written = [int(p.stem) for log in logs for p in segments(log)]
         self.lease = Lease.acquire(folder, program, max(written, default=0) + 1, take_over)
         self._writers = [LogWriter(folder / _ACTIONS, self.lease.generation, self.lease.check)]
         self._history = super().history()
@@ -249,9 +250,6 @@ class WritableStore(Store):
         log = LogWriter(take.folder, self.lease.generation, self.lease.check)
         self._writers.append(log)
         return TakeWriter(Take(take.folder), about, log)
-
-    def _logs(self) -> list[Path]:
-        return [self.folder / _ACTIONS, *(take.folder for take in self._all_takes())]
 
     def _remove_pruned(self) -> None:
         for data in self._actions(_PRUNED):

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, K
+from handtrack.arrays import D3, Floats, K
 from handtrack.export.motion.bodies import bone_masses, document, element, numbers
 from handtrack.export.motion.trc import marker_name
 from handtrack.export.table import ResultsTable
@@ -168,7 +168,8 @@ def write_mot(path: Path, table: ResultsTable) -> None:
     table = table.without_gaps
     track = table.track
     values = track.parameters.copy()
-    values[:, 3:6] = root_angles(track.T_world_bone[:, 0, :3, :3])
+    turns = euler_angles(track.T_world_bone[:, 0, :3, :3], "XYZ")
+    values[:, 3:6] = np.unwrap(turns, axis=0)  # without jumps of a whole turn
     names = [*track.parameter_names[:3], *ROOT_TURNS, *track.parameter_names[6:]]
     shown = np.where([is_length(name) for name in names], values, np.rad2deg(values))
     lines = [
@@ -187,8 +188,3 @@ def write_mot(path: Path, table: ResultsTable) -> None:
         for time_s, row in zip(track.time_s, shown, strict=True)
     ]
     replace_text(path, "\n".join(lines) + "\n")
-
-
-def root_angles(rotation: Floats[F, D3, D3]) -> Floats[F, D3]:
-    """Return the angles [rad] of R = Rx Ry Rz, without jumps of a whole turn."""
-    return np.unwrap(euler_angles(rotation, "XYZ"), axis=0)

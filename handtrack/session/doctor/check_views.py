@@ -386,7 +386,7 @@ _FEWEST = 40  # frames of a session that can tell
 
 def check_synchrony(session: Session) -> Iterator[Finding]:
     """Yield a finding about each camera whose frames come late or early against the others', and about what cannot be told."""
-    seen = [(v, source) for v in session.views if (source := _moving(v)) is not None]
+    seen = [(v, source) for v in session.views if (source := v.mask_files or v.images) is not None]
     if len(seen) < 2 or session.frame_count < _FEWEST:
         return
     offsets = time_offsets([_motions(view, source, session.frame_count) for view, source in seen])
@@ -430,10 +430,6 @@ def _time_offset(session: Session, name: str, offset: TimeOffset) -> str:
 
 def _listed(names: list[str]) -> str:
     return f"{'cameras' if len(names) > 1 else 'camera'} {', '.join(map(repr, names))}"
-
-
-def _moving(view: View) -> FrameSource | None:
-    return view.mask_files if view.mask_files is not None else view.images
 
 
 def _motions(view: View, source: FrameSource, count: int) -> tuple[ImageMotion, ImageMotion]:

@@ -73,9 +73,14 @@ class StereoClouds(CloudSource):
             tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b in pairs),
             tuple(view.name for pair in pairs for view in pair),
         )
+        # along level lines mosaics are interpolated at the real coordinates that rectification asks for
+        by_level_lines = [
+            all(str(view.settings.demosaic or "").startswith("level_line") for view in pair)
+            for pair in pairs
+        ]
         self._pairs = tuple(
-            (a, b, StereoMatcher(a.camera, b.camera, settings, _by_level_lines(a, b)))
-            for a, b in pairs
+            (a, b, StereoMatcher(a.camera, b.camera, settings, exact))
+            for (a, b), exact in zip(pairs, by_level_lines, strict=True)
         )
         self._met: dict[int, str] = {}  # by pair, once it was looked at; empty: nothing is odd
         self._lock = threading.Lock()
@@ -122,11 +127,6 @@ class StereoClouds(CloudSource):
         if problem is not None:
             with self._lock:
                 self._met[index] = f"[clouds] stereo, frame {frame}, {problem}"
-
-
-def _by_level_lines(*views: View) -> bool:
-    """Return whether mosaics are interpolated along level lines, and so at the real coordinates that rectification asks for."""
-    return all(str(view.settings.demosaic or "").startswith("level_line") for view in views)
 
 
 class FileClouds(CloudSource):

@@ -74,10 +74,6 @@ def scaled_camera(camera: Camera, settings: CameraSettings, folder: Path) -> Cam
     return camera.scaled(size)
 
 
-def _cropped(mask: Bytes[H, W] | None) -> CroppedMask | None:
-    return None if mask is None else CroppedMask.of(mask)
-
-
 class View:
     """One camera with its sources.
 
@@ -202,7 +198,12 @@ class View:
             return self._read(self.mask_files, frame)
         if self._is_live:  # frames count anew when it begins again
             return self._segmented(frame)
-        kept = self._computed.value(frame, lambda: _cropped(self._segmented(frame)), most_masks)
+
+        def cropped() -> CroppedMask | None:
+            mask = self._segmented(frame)
+            return None if mask is None else CroppedMask.of(mask)
+
+        kept = self._computed.value(frame, cropped, most_masks)
         return None if kept is None else kept.whole
 
     def _segmented(self, frame: int) -> Bytes[H, W] | None:

@@ -57,7 +57,7 @@ def read_bvh(path: Path, positions: str | None = None, unit_m: float = 0.01) -> 
             above = rotation[joint.parent]
             rotation.append(above @ turn)
             place.append(place[joint.parent] + np.einsum("fij,fj->fi", above, move))
-    known = [i for i, joint in enumerate(joints) if not _is_bare_end(joint)]
+    known = [i for i, one in enumerate(joints) if one.offset.any() or not one.name.endswith("_end")]
     names = tuple(joints[i].name for i in known)
     places, turns = (np.stack([one[i] for i in known], axis=1) for one in (place, rotation))
     return MotionClip(names, places * unit_m, 1.0 / step, turns)
@@ -98,10 +98,6 @@ def _change(places: Floats[J, F, D3]) -> float:
     """Return how much bones' lengths change over time, their standard deviations' sum over their means' sum."""
     lengths = np.linalg.norm(places, axis=2)
     return float(lengths.std(axis=1).sum() / max(lengths.mean(axis=1).sum(), 1e-12))
-
-
-def _is_bare_end(joint: BvhJoint) -> bool:
-    return joint.name.endswith("_end") and not joint.offset.any()
 
 
 def _motion(lines: list[str], at: int, width: int, path: Path) -> tuple[Floats, float]:

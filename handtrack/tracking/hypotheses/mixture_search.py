@@ -212,7 +212,7 @@ class NextHypotheses(MixtureObjective):
 
     def motion_prediction(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose each hypothesis of the last frame, moved by its predicted motion."""
-        return [start for i in range(len(self.components)) for start in self._followed(i)]
+        return [start for source in self.components for start in self._followed(source)]
 
     def kinematic_jumps(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose kinematic jumps: hypotheses sampled by weight, flipped in depth along chains sampled by covariance."""
@@ -226,8 +226,8 @@ class NextHypotheses(MixtureObjective):
     def _jump_share(self) -> float:
         return JUMP_SHARE if self.chains and self.reference is not None else 0.0
 
-    def _followed(self, i: int) -> list[Start]:
-        component, belief = self.components[i], self.components[i].bell
+    def _followed(self, component: Source) -> list[Start]:
+        belief = component.bell
         if self.settings.traits.closest_prior:
             return self.starts(component, belief.mean[None])
         log = np.log1p(-self._jump_share) + component.log_prior
@@ -235,7 +235,7 @@ class NextHypotheses(MixtureObjective):
         terms = pulled(self.model, component.terms, belief, ())
         source = replace(component, terms=terms, log_prior=float(log))
         # where a limb passes through the image plane, its flips are near enough to need no jump
-        nearby = [params for (at, _), params in self._leaves.items() if at == i]
+        nearby = [params for (i, _), params in self._leaves.items() if i == component.parent]
         return self.starts(source, np.concatenate([belief.mean[None], *nearby]))
 
     def _jump(self, i: int, c: int) -> Source:
