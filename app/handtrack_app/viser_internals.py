@@ -21,9 +21,10 @@ __all__ = [
 ]  # fmt: skip
 
 
-def from_pages(server: viser.ViserServer) -> Mapping[str, type[Message]]:
-    """Return the messages of pages to which a server listens, by name."""
-    kinds = {*server._websock_server._incoming_handlers, messages.ViewerCameraMessage}
+def from_pages(server: viser.ViserServer) -> Mapping[str, type[Any]]:
+    """Return the messages of pages to which a server listens, or each of its clients for itself, by name."""
+    of_clients = (messages.ViewerCameraMessage, messages.LocalStorageGetItemResponseMessage)
+    kinds = {*server._websock_server._incoming_handlers, *of_clients}
     return {one.__name__: one for one in kinds}
 
 

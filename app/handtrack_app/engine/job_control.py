@@ -581,7 +581,7 @@ class JobControl:
         if job.kind != "tracking" or (cancelled and not outcomes and live is None):
             return cancelled
         if live is not None and job.total == 0:
-            return Notice("done", "Tracking ended", live.words())
+            return Notice("done", "Tracking ended", " ".join(live.count_words()))
         one = document.results.get(job.frames.start) if len(job.frames) == 1 else None
         if one is not None and not cancelled:
             params = document.model.transform.solver_params(one.parameters)

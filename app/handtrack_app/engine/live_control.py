@@ -95,10 +95,6 @@ class LiveControl:
         self._publish(Notice("done", "Recorded", words))
         return words
 
-    def words(self) -> str:
-        """Return what became of the cameras' images while tracking."""
-        return " ".join(self._count_words())
-
     def close(self) -> list[str]:
         """End recording and the cameras; return what is to be said at the end, in sentences."""
         try:
@@ -106,7 +102,7 @@ class LiveControl:
         except HandtrackError as error:
             said = str(error)
         self._feed.close()
-        return [*self._count_words(), *filter(None, [said])]
+        return [*self.count_words(), *filter(None, [said])]
 
     def report(self, at_once: bool = False) -> bool:
         """Show what became of the cameras' images, and tell of a camera that is gone: now and then; return whether it was now."""
@@ -135,7 +131,7 @@ class LiveControl:
             self._publish(snapshot)
         return True
 
-    def _count_words(self) -> list[str]:
+    def count_words(self) -> list[str]:
         """Return what became of each camera's images while tracking, in sentences."""
         results = []
         for camera in self._feed.cameras:

@@ -42,6 +42,7 @@ DRAG = {
 MOVE = {
     "type": "TransformControlsUpdateMessage", "name": "/control", "wxyz": [1, 0, 0, 0], "position": [1, 2, 3], "owner": "",
 }  # fmt: skip
+KEPT = {"type": "LocalStorageGetItemResponseMessage", "value": "x", "error": None, "request_uuid": "1"}  # fmt: skip
 
 
 def examined(small, message):
@@ -56,7 +57,7 @@ def update(handle, **updates):
 # ---- the rules
 
 
-@pytest.mark.parametrize("message", [CAMERA, DRAG, MOVE])
+@pytest.mark.parametrize("message", [CAMERA, DRAG, MOVE, KEPT])
 def test_what_the_page_sends_passes_unchanged(small, message):
     assert examined(small, message)[1] == message
 
@@ -90,14 +91,12 @@ def test_a_value_of_the_widgets_kind_passes_within_its_limits(small, widget, val
             for value in ([1], [1, 2, 3], [1, math.nan], [True, 2], 5, "ab", [[1], 2])
         ],
         *[("choice", value) for value in ("Three", 1, None, ["One"])],
-        *[
-            ("row", "Up"),
-            ("row", 0),
-            ("box", 1),
-            ("box", "yes"),
-            ("button", 1),
-            ("button", "x" * 5000),
-        ],
+        ("row", "Up"),
+        ("row", 0),
+        ("box", 1),
+        ("box", "yes"),
+        ("button", 1),
+        ("button", "x" * 5000),
     ],
 )
 def test_a11_a_value_of_another_kind_is_refused(small, widget, value):
@@ -183,8 +182,7 @@ def test_a_burst_passes_at_once_then_the_newest_of_each_kind_at_a_steady_rate():
     assert flow.take() == b"%d" % (BURST + 99)
     assert flow.pause() is None
     clock.now += 1.0
-    kinds = [flow.put(k, b"") for k in range(1000)]
-    assert sum(kinds) == MOST_WAITING
+    assert sum(flow.put(k, b"") for k in range(1000)) == MOST_WAITING
     assert sum(flow.take() is not None for _ in range(1000)) == pytest.approx(RATE, abs=2)
     clock.now += 1e3  # a pause earns a burst and no more
     assert sum(flow.put("slider", b"") and flow.take() is not None for _ in range(1000)) == BURST
@@ -274,9 +272,10 @@ def test_a_node_of_one_page_alone_is_moved_by_that_page(small):
     with WireClient(small.url), WireClient(small.url):
         eventually(lambda: len(small.web.server.get_clients()) == 2)
         first, second = sorted(small.web.server.get_clients())
-        own = small.web.server.get_clients()[first]
-        own.scene.add_image("/screen", np.zeros((4, 4, 3), np.uint8), 1.0, 1.0)
-        drag, filter = msgspec.msgpack.encode({**DRAG, "name": "/screen"}), small.web.messages
+        small.web.server.get_clients()[first].scene.add_image(
+            "/screen", np.zeros((4, 4, 3), np.uint8), 1.0, 1.0
+        )
+        drag, filter = msgspec.msgpack.encode(DRAG | {"name": "/screen"}), small.web.messages
         assert filter.check(drag, first)[0] == ("drag", "/screen")
         with pytest.raises(Rejected):
             filter.check(drag, second)
@@ -296,8 +295,8 @@ def resident_mb():
 
 
 def callbacks(bench):
-    known = bench.server.gui._gui_input_handle_from_uuid
-    return {uuid: len(handle._impl.update_cb) for uuid, handle in known.items()}
+    known = bench.server.gui._gui_input_handle_from_uuid.items()
+    return {uuid: len(handle._impl.update_cb) for uuid, handle in known}
 
 
 @pytest.fixture(scope="module")
@@ -322,6 +321,5 @@ def test_a11_c49_a_hostile_client_harms_nobody(attacked, tmp_path, capfd, monkey
             came = honest.wait_for(sent, "/hand/flesh", "batched_positions")
             assert came is not None, "the hand did not move"
         assert resident_mb() - memory < 50
-    now = callbacks(bench)
-    assert {uuid: now.get(uuid) for uuid in before} == before
+    assert before.items() <= callbacks(bench).items()
     assert capfd.readouterr() == ("", "")
