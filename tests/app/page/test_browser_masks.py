@@ -26,7 +26,7 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
         eventually(lambda: bench.layout.masks.correcting.words.content)
         view.press("Paint over the mask")
         eventually(lambda: stands(bench))
-        page.wait_for_timeout(800)
+        page.wait_for_function("document.body.dataset.brush > 0")
         spots = [(18.0, 50.0), (24.0, 50.0), (30.0, 50.0)]
         start, *_, stop = (page.evaluate(PROJECT, ["/hand", _seen_at(*spot)]) for spot in spots)
         view.drag(tuple(start), tuple(stop))
@@ -87,7 +87,7 @@ def _marks_skin(bench, view):
     page.get_by_text("Skin colour", exact=True).first.click()
     view.press("Drag a box over the image")
     eventually(lambda: stands(bench))
-    page.wait_for_timeout(600)
+    page.get_by_text("Drag a box over skin").first.wait_for()
     x, y, width, height = BOX
     corners = ((x + 3, y + 3), (x + width - 3, y + height - 3))
     start, stop = (page.evaluate(PROJECT, ["/hand", _seen_at(*corner)]) for corner in corners)

@@ -121,7 +121,8 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
     eventually(lambda: bench.stage.looking.anyone)
     bench.engine.track(0, FRAMES, 3)
     slider = bench.layout.pose.sliders["index_mcp_flex"]
-    for turn in range(30):
+    turn = 0
+    while turn < 30 or len({pose.frame for pose in sees.poses}) < 6 or not sees.pictures:
         if turn % 10 == 0:
             bench.page.play(True)
         if turn % 10 == 5:
@@ -130,6 +131,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
         if turn % 3 == 0:
             bench.page.go_to(turn % FRAMES)
         time.sleep(0.03)
+        turn += 1
     bench.page.play(False)
     bench.engine.cancel()
     eventually(lambda: bench.layout.tracking.progress.state == "idle")

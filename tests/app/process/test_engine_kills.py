@@ -33,7 +33,7 @@ class Editor:
         self.page, self.folder, self.rng = page, folder, rng
         self.expected = {}
         """by key: what was done last, and by which command"""
-        self.sent = self.acknowledged = self.acknowledgements = 0
+        self.sent = self.acknowledged = 0
         self.accepted = set()
 
     def _send(self, name, *given, **named):
@@ -85,7 +85,6 @@ class Editor:
     def look(self):
         """Take note of what the page calls saved."""
         if self.page.saved == "saved":
-            self.acknowledgements += self.acknowledged < self.sent
             self.acknowledged = self.sent
 
     def missing(self, upto):
@@ -148,7 +147,6 @@ def test_no_edit_is_lost_or_done_twice_however_often_the_engine_is_killed(tmp_pa
     page.engine.stop(60.0)
     refused = [n.text for n in page.notices if n.title in ("That did not work", "Internal error")]
     print(
-        f"{kills} kills, {editor.sent} edits, {editor.acknowledgements} acknowledgements, {len(given_up)} given up by name, "
-        f"{len(missing)} lost"
+        f"{kills} kills, {editor.sent} edits, {len(given_up)} given up by name, {len(missing)} lost"
     )
     assert not missing and not refused and not given_up
