@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -58,7 +59,9 @@ from handtrack_app.commands.terminal.track_options import (
     search_first_pose,
     writable,
 )
-from handtrack_app.rerun.recorder import ResidualRecorder
+
+if TYPE_CHECKING:
+    from handtrack_app.rerun.recorder import ResidualRecorder
 
 _PROGRAM = "handtrack track"
 
@@ -127,6 +130,8 @@ def run(options: TrackOptions) -> int:
             print_status("note: --size-later has no effect: the size is fixed, not fitted.")
         recorder = None
         if options.rerun or options.rerun_save:
+            from handtrack_app.rerun.recorder import ResidualRecorder
+
             recorder = ResidualRecorder(
                 run_, options.rerun, options.rerun_save, options.rerun_frame, lambda url: print_status(f"residuals are shown at {url}")
             )  # fmt: skip
