@@ -18,7 +18,7 @@ from handtrack.session.posed_frames import keyframe_result, posed_frames
 from handtrack.session.run import Reporting, ReportProgress, TrackingRun
 from handtrack.session.side import wrong_side_warning
 from handtrack.session.takes.take_recorder import TakeRecorder
-from handtrack.tracking.frame.control import Control, Observer
+from handtrack.tracking.frame.control import Control, Observer, SearchReport
 from handtrack.tracking.frame.result import FrameResult, Status, Step, TrackResult
 from handtrack.tracking.sequence import tracked_by_new_share
 from handtrack.tracking.whole.refinement import Refinement
@@ -311,7 +311,7 @@ class _Tracking(Observer):
         self._on_progress = on_progress
         self._interrupted = False
         self._control = replace(control, refines=False, should_stop=self._stops, observer=self)
-        self._asked, self.search = control.should_stop, control.observer.search
+        self._caller = control
         self._recorded = run.session.live is None
         self._announced = run.session.known_frames.stop
         self._results: dict[int, FrameResult] = {}
@@ -320,7 +320,10 @@ class _Tracking(Observer):
         self._problem = ""
 
     def _stops(self) -> bool:
-        return self._interrupted or self._asked()
+        return self._interrupted or self._caller.should_stop()
+
+    def search(self, report: SearchReport) -> None:
+        self._caller.observer.search(report)
 
     def provisional(self, result: FrameResult) -> None:
         self._on_progress(FrameTracked(result))
