@@ -108,24 +108,22 @@ def test_a_body_in_one_camera_is_doubtful_and_in_two_it_is_not():
 FRAMES = range(4)
 
 
-def _reaching():
-    """Return an arm that is held out to the front, and a little more so in each frame."""
-    bends = 0.4 + 0.02 * np.arange(len(FRAMES))
-    return np.array([BODY.params_from({"left_shoulder_flex": bend}) for bend in bends])
+POSES = np.array([BODY.params_from({"left_shoulder_flex": 0.4 + 0.02 * n}) for n in FRAMES])
+"""an arm that is held out to the front, and a little more so in each frame"""
 
 
-def _evidence(poses, *cameras, off_px=np.zeros((4, 1, 2))):
+def _evidence(*cameras, off_px=np.zeros((4, 1, 2))):
     def observe(frame, _bones=None):
-        seen = joints_of_body(poses[frame], *cameras, off_px=off_px[frame])
+        seen = joints_of_body(POSES[frame], *cameras, off_px=off_px[frame])
         return replace(seen, frame=frame, time_s=frame / 25.0)
 
     settings = TrackerSettings().with_values({"prior.motion_sigma_deg": 5.0})
-    return RecordingLikelihood(BODY, settings, observe, dict(zip(FRAMES, poses, strict=True)), 0.04)
+    return RecordingLikelihood(BODY, settings, observe, dict(enumerate(POSES)), 0.04)
 
 
 def _way(*cameras):
-    likelihood = _evidence(_reaching(), *cameras)
-    found = estimate_whole(likelihood, FRAMES, _reaching(), sweeps=3)
+    likelihood = _evidence(*cameras)
+    found = estimate_whole(likelihood, FRAMES, POSES, sweeps=3)
     assert found is not None
     return likelihood, found
 
@@ -147,12 +145,11 @@ def test_what_two_cameras_see_has_one_way():
 
 
 def test_joints_of_one_camera_count_as_often_as_their_errors_are_new():
-    poses = _reaching()
     one, two = (
-        replace(_evidence(poses, *cameras), new=0.2).of(0) for cameras in ((FRONT,), (FRONT, SIDE))
+        replace(_evidence(*cameras), new=0.2).of(0) for cameras in ((FRONT,), (FRONT, SIDE))
     )
     assert (one.share, two.share) == (0.2, 1.0)
-    whole, seen = one.linearize(poses[0], [], 0, _evidence(poses, FRONT).shared.person)
+    whole, seen = one.linearize(POSES[0], [], 0, _evidence(FRONT).shared.person)
     counted = whole.hessian[PLACE, PLACE].trace()
     assert counted == pytest.approx(0.2 * seen[PLACE, PLACE].trace(), rel=1e-6)
 
@@ -160,5 +157,5 @@ def test_joints_of_one_camera_count_as_often_as_their_errors_are_new():
 @pytest.mark.parametrize(("lasts", "least", "most"), [(0.0, 0.75, 1.0), (1.0, 0.05, 0.06)])
 def test_errors_that_come_again_are_told_from_new_ones(rng, lasts, least, most):
     new, again = rng.normal(scale=5.0, size=(2, len(FRAMES), len(BODY.joint_names), 2))
-    off_px, poses = (1.0 - lasts) * new + lasts * again[0], _reaching()
-    assert least <= new_share(_evidence(poses, FRONT, off_px=off_px), FRAMES, poses) <= most
+    off_px = (1.0 - lasts) * new + lasts * again[0]
+    assert least <= new_share(_evidence(FRONT, off_px=off_px), FRAMES, POSES) <= most

@@ -239,7 +239,8 @@ def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
     assert_allclose(places, pixels)
 
 
-def _random_belief(rng):
+@pytest.fixture
+def belief(rng):
     root = rng.normal(size=(6, 6))
     return MotionBelief(rng.normal(size=3), rng.normal(size=3), root @ root.T)
 
@@ -253,9 +254,8 @@ def test_motion_goes_on_and_grows_less_certain():
     assert held.covariance[0, 0] == pytest.approx(0.04 + 2 * 0.01)
 
 
-def test_an_update_is_conditioning_the_joint_normal(rng):
+def test_an_update_is_conditioning_the_joint_normal(rng, belief):
     """A measurement of the place, fused by hand in information form, against `updated`."""
-    belief = _random_belief(rng)
     noise, seen = np.diag([0.5, 0.2, 0.9]), rng.normal(size=3)
     look = np.hstack([np.eye(3), np.zeros((3, 3))])
     information = np.linalg.inv(belief.covariance) + look.T @ np.linalg.inv(noise) @ look
@@ -269,8 +269,7 @@ def test_an_update_is_conditioning_the_joint_normal(rng):
     assert_allclose(found.covariance, whole, atol=1e-9)
 
 
-def test_released_parameters_forget_and_the_others_do_not(rng):
-    belief = _random_belief(rng)
+def test_released_parameters_forget_and_the_others_do_not(belief):
     spread, speed = np.full(3, 1.5), np.full(3, 0.2)
     freed = belief.released(np.array([1]), spread, speed)
     assert_array_equal(freed.velocity, belief.velocity * [1.0, 0.0, 1.0])
