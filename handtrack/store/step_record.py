@@ -35,6 +35,7 @@ def step_content(step: Step) -> _Content:
     data = _of_result(step.result, packed)
     packed.add("belief", step.belief)
     data["hypotheses"] = [_of_hypothesis(h, n, packed) for n, h in enumerate(step.hypotheses)]
+    data["outline_mm"] = dict(step.outline_mm)
     return packed.content(data)
 
 
@@ -53,7 +54,8 @@ def read_step(record: Record) -> Step:
     """Return the frame of a record with what the next one needs. Raises as `read_result` does."""
     arrays, data = _arrays(record), record.data
     hypotheses = tuple(_hypothesis(h, n, arrays) for n, h in enumerate(data.get("hypotheses", ())))
-    return Step(_result(data, arrays), arrays.get("belief"), hypotheses)
+    known = _result(data, arrays), arrays.get("belief"), hypotheses
+    return Step(*known, outline_mm=data.get("outline_mm", {}))
 
 
 class _Packed:

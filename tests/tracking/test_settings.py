@@ -52,20 +52,19 @@ class _Declared:
 
 
 @pytest.mark.parametrize(
-    ("name", "good", "bad", "expected"),
+    ("name", "good", "bad"),
     [
-        ("share", (0, 1, "0.5"), (-0.01, 1.01), "a number from 0 to 1"),
-        ("width", (1e-9,), (0, -1), "a number above 0 [mm]"),
-        ("count", (1, 2.0), (0,), "a whole number of at least 1"),
-        ("steps", ("1", [3, 2]), ("1,0", []), "numbers above 0"),
-        ("way", ("on",), ("of", True), "one of on, off"),
+        ("share", (0, 1, "0.5"), (-0.01, 1.01)),
+        ("width", (1e-9,), (0, -1)),
+        ("count", (1, 2.0), (0,)),
+        ("steps", ("1", [3, 2]), ("1,0", [])),
+        ("way", ("on",), ("of", True)),
     ],
 )
-def test_a_value_is_within_its_bounds(name, good, bad, expected):
+def test_a_value_is_within_its_bounds(name, good, bad):
     known = declared(_Declared)[name]
     for value in good:
         known.accept(value)
     for value in bad:
-        with pytest.raises(NotAcceptedError) as caught:
+        with pytest.raises(NotAcceptedError):
             known.accept(value)
-        assert str(caught.value) == expected

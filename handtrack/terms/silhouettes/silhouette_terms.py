@@ -165,16 +165,18 @@ class CoverageTerm(FieldTerm):
             for seen, band, step in own
         )
 
-    def outline_errors_px(self, bones: BonePoses) -> Floats[C]:
-        """Return how far the model's outline is from each mask's, one distance along all of it, antisymmetric form; NaN for no outline.
+    def outline_errors_px(self, bones: Sequence[BonePoses]) -> Floats[C]:
+        """Return how far the model's outline is from each mask's, bones being where that camera saw them, one distance along all of
+        it, antisymmetric form; NaN for no outline.
 
         Along an outline that is off by d, ½ (P − Z)² sums to b/12 + d²/4b for each pixel of it, and to d/2 − b/6 beyond the band's
         half-width b (docs/explanation/silhouettes.md).
         """
         found = []
-        for term, band, seen in zip(self.alone(), self.band_px, self.silhouettes, strict=True):
+        cameras = zip(self.alone(), self.band_px, self.silhouettes, bones, strict=True)
+        for term, band, seen, there in cameras:
             weight, length = term.weights[0], seen.outline_px
-            cost = term.cost(bones) / (weight * length) if weight * length > 0 else np.nan
+            cost = term.cost(there) / (weight * length) if weight * length > 0 else np.nan
             near = np.sqrt(4.0 * band * max(cost - band / 12.0, 0.0))
             found.append(near if cost <= band / 3.0 else 2.0 * cost + band / 3.0)
         return np.array(found)

@@ -150,7 +150,9 @@ class FrameTask:
             iterations=found.iterations,
             views=terms.views,
         )
-        return Step(result, covariance)
+        is_lost = result.status == Status.LOST
+        outlines = {} if is_lost else terms.outline_errors_mm(model.bones(params))
+        return Step(result, covariance, outline_mm=outlines)
 
 
 def inheriting_uncertainty(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -114,6 +114,16 @@ class FrameTerms:
             off = off_mm.get(seen.camera.name, 0.0)
             found.append(max(before, max(off**2 - usual**2, 0.0) ** 0.5 * _MM * scale))
         return replace(self, outlines_off_px=tuple(found))
+
+    def outline_errors_mm(self, bones: BonePoses) -> dict[str, float]:
+        """Return by camera how far the hand's outline is from its mask."""
+        found = dict[str, float]()
+        for term in self._at_once(bones, self.stages - 1) if self.prepared else ():
+            if isinstance(term, CoverageTerm):
+                names = [seen.camera.name for seen in term.silhouettes]
+                off_px = term.outline_errors_px([self.then(name, bones) for name in names])
+                found = dict(zip(names, off_px / (_MM * np.array(self.pixels_per_m)), strict=True))
+        return {name: float(mm) for name, mm in found.items() if np.isfinite(mm)}
 
     def coarser(self, times: float) -> FrameTerms:
         """Return the terms as if the joints that images show were known so many times as badly; itself for 1."""
@@ -315,6 +325,15 @@ def _of_the_hand(
     if is_odd and silhouettes[worst] in suspected(tuple(silhouettes)):
         every.remove(worst)
     return every
+
+
+def median_errors_mm(found: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Return by camera the median over frames of `FrameTerms.outline_errors_mm`."""
+    by_name: dict[str, list[float]] = {}
+    for errors in found:
+        for name, mm in errors.items():
+            by_name.setdefault(name, []).append(mm)
+    return {name: float(np.median(mm)) for name, mm in by_name.items()}
 
 
 def pin_terms(model: ArticulatedModel, observation: Observation) -> tuple[KeypointTerm, ...]:

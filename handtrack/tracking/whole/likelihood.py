@@ -25,11 +25,16 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
 from handtrack.tracking.frame.control import Control, Observe
 from handtrack.tracking.frame.depth_flips import only_camera
 from handtrack.tracking.frame.descent import stage_problem
-from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, by_camera, frame_terms
+from handtrack.tracking.frame.frame_terms import (
+    FrameTerms,
+    at_camera_times,
+    by_camera,
+    frame_terms,
+    median_errors_mm,
+)
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
@@ -262,8 +267,7 @@ class RecordingLikelihood:
             pull = GaussianPrior(model.joint_params(self.held[frame]), sigma, "keyframe")
             terms = replace(terms, priors=(*terms.priors, pull))
         terms = terms.sharpened(bones)
-        if self.outline_mm and terms.prepared:
-            terms = terms.with_outlines(self.outline_mm)
+        terms = terms.with_outlines(self.outline_mm)
         if self.wide:
             terms = terms.wide()
         share = 1.0 if only_camera(terms) is None else self.new
@@ -288,16 +292,10 @@ def measured_outlines(
     Masks that follow from a detector's joints, or from colour, are wrong by more than a hand of ellipsoids is; a camera whose masks show a
     shadow by much more.
     """
-    found: dict[str, list[float]] = {}
-    for n in evenly_spread(len(frames), _OUTLINES):
-        terms, bones = likelihood.of(frames[n]).terms, likelihood.model.bones(poses[n])
-        for term in terms.stage(bones) if terms.prepared else ():
-            if isinstance(term, CoverageTerm):
-                for seen, px, scale in zip(
-                    term.silhouettes, term.outline_errors_px(bones), terms.pixels_per_m, strict=True
-                ):
-                    found.setdefault(seen.camera.name, []).append(1e3 * float(px) / scale)
-    return {name: float(np.nanmedian(off)) for name, off in found.items() if np.isfinite(off).any()}
+    return median_errors_mm(
+        likelihood.of(frames[n]).terms.outline_errors_mm(likelihood.model.bones(poses[n]))
+        for n in evenly_spread(len(frames), _OUTLINES)
+    )
 
 
 def new_share(likelihood: RecordingLikelihood, frames: Sequence[int], poses: Floats[F, P]) -> float:
