@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from base64 import b64decode
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from handtrack.arrays import D3, D5, Array, F, Floats, K
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from tests.experiments.honesty.meshes import FINGERS, HINGES
+from tests.experiments.mean_hand.makehuman import file_of
 
 Angles = Floats[F, D5, K]
 """(F, 5, 4) [rad] as `HandMesh.posed` takes them"""
@@ -128,10 +128,9 @@ def read(path: Path, first: int, frames: int) -> Angles:
 
 def read_leap(git: Path, name: str, first: int, frames: int) -> Angles:
     """Return angles of a right hand that Leap Motion recorded, of a git folder's `recorder/recordings`, from a row on, every fourth."""
-    blob = f"HEAD:recorder/recordings/{name}.json.lz"
-    packed = subprocess.run(["git", "-C", git, "show", blob], capture_output=True, check=True)
+    packed = file_of(git, f"recorder/recordings/{name}.json.lz")
     found = []
-    for frame in json.loads(_unpacked(packed.stdout))["frames"][first::4]:
+    for frame in json.loads(_unpacked(packed))["frames"][first::4]:
         hand = next(hand for hand in frame["hands"] if hand["type"] == "right")
         own = [one for one in frame["pointables"] if one["handId"] == hand["id"]]
         joints = [[one[f"{j}Position"] for j in ("mcp", "pip", "dip", "tip")] for one in sorted(own, key=lambda one: one["type"])]  # fmt: skip
@@ -145,15 +144,13 @@ def read_leap(git: Path, name: str, first: int, frames: int) -> Angles:
     return _of_a_hand(np.array(found), frames)
 
 
-def _unpacked(text: bytes) -> str:
+def _unpacked(text: str) -> str:
     """Return what LZ-String packed into base64: words in as many bits as their count has, the lowest first; 0 and 1 before a new letter's bits."""
-    bits = np.unpackbits(np.frombuffer(b64decode(text + b"=="), np.uint8)).tolist()
-    at, word, words, found = 0, "", [""] * 3, []
+    bits = iter(np.unpackbits(np.frombuffer(b64decode(text + "=="), np.uint8)).tolist())
+    word, words, found = "", [""] * 3, []
 
     def number(count: int) -> int:
-        nonlocal at
-        at += count
-        return sum(bit << k for k, bit in enumerate(bits[at - count : at]))
+        return sum(next(bits) << k for k in range(count))
 
     while (code := number(len(words).bit_length())) != 2:
         if code < 2:

@@ -87,7 +87,7 @@ class Base:
     def read(cls, git: Path) -> Base:
         """git: the git folder of a copy of the repository."""
         vertices, faces, in_body = [], [], False
-        for line in _file(git, f"{_DATA}/3dobjs/base.obj").splitlines():
+        for line in file_of(git, f"{_DATA}/3dobjs/base.obj").splitlines():
             kind, _, rest = line.partition(" ")
             if kind == "v":
                 vertices.append([float(x) for x in rest.split()])
@@ -96,8 +96,8 @@ class Base:
             elif kind == "f" and in_body:
                 corner = [int(x.split("/")[0]) - 1 for x in rest.split()]
                 faces += [[corner[0], *corner[k : k + 2]] for k in range(1, len(corner) - 1)]
-        skeleton = json.loads(_file(git, f"{_DATA}/rigs/default.mhskel"))
-        weights = json.loads(_file(git, f"{_DATA}/rigs/default_weights.mhw"))["weights"]
+        skeleton = json.loads(file_of(git, f"{_DATA}/rigs/default.mhskel"))
+        weights = json.loads(file_of(git, f"{_DATA}/rigs/default_weights.mhw"))["weights"]
         return cls(git, np.array(vertices), np.array(faces), skeleton["joints"], weights)
 
     def hand(self, recipe: Recipe, arm_m: float = _CUFF_M) -> HandMesh:
@@ -252,13 +252,14 @@ def _axes(chain: Floats, tip: Floats, turn: Floats, is_thumb: bool) -> Floats:
 
 @cache
 def _target(git: Path, name: str) -> Floats:
-    rows = [x.split() for x in _file(git, f"{_DATA}/targets/{name}.target").splitlines()]
+    rows = [x.split() for x in file_of(git, f"{_DATA}/targets/{name}.target").splitlines()]
     return np.array(
         [[float(v) for v in r] for r in rows if len(r) == 4 and r[0].isdigit()]
     ).reshape(-1, 4)
 
 
-def _file(git: Path, path: str) -> str:
+def file_of(git: Path, path: str) -> str:
+    """Return a text of a git folder that may have no work tree."""
     return subprocess.run(
         ["git", "-C", str(git), "show", f"HEAD:{path}"], capture_output=True, text=True, check=True
     ).stdout  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -79,7 +78,6 @@ def batch() -> dict[str, Any]:
             "recordings": len(last),
             "done": len(done),
             "refused_and_named_by_cause": len(named),
-            "ways_of_being_broken": len(BROKEN),
             "kills": kills,
             "begun_again_in_all": sum(started.values()) - len(last),
             "begun_again_at_most_for_one_recording": max(started.values()) - 1,
@@ -87,7 +85,6 @@ def batch() -> dict[str, Any]:
             "results_equal_to_track": f"{equal} of {min(_COMPARED, len(done))}",
             "seconds": seconds,
             "two_jobs_times_one": one / two,
-            "load_average": os.getloadavg()[0],
         }
 
 

@@ -30,7 +30,7 @@ def hostile() -> dict[str, Any]:
         moving = [one for one in sliders if latencies_ms(honest, one, 1)[0] < np.inf]
         quiet = latencies_ms(honest, sliders[0], 30)
         before, words, files = program.resident_mb(), len(program.terminal()), program.open_files()
-        during, peak, rounds = [], before, 0
+        during, peak = [], before
         after: dict[str, list[float]] = {name: [] for name in ATTACKS}
         until = time.monotonic() + 60 * _MINUTES
         while time.monotonic() < until:
@@ -41,7 +41,6 @@ def hostile() -> dict[str, Any]:
                     peak = max(peak, program.resident_mb())
                 time.sleep(_CALM_S)
                 after[name] += latencies_ms(honest, sliders[0], 10)
-            rounds += 1
         alive = sum(latencies_ms(honest, one, 1)[0] < np.inf for one in moving)
         answers = np.concatenate(list(after.values()))
         slowest = max(after, key=lambda name: max(after[name]))
@@ -52,17 +51,14 @@ def hostile() -> dict[str, Any]:
             "attacked_median_ms": float(np.median(during)),
             "attacked_slowest_ms": max(during),
             "afterwards_median_ms": float(np.median(answers)),
-            "afterwards_99_percent_below_ms": float(np.quantile(answers, 0.99)),
             "afterwards_slowest_ms": float(answers.max()),
             "slowest_after": slowest,
             "answers_afterwards": len(answers),
-            "rounds_of_all_attacks": rounds,
             "sliders_that_move_the_hand": f"{alive} of {len(moving)}",
             "memory_before_mb": before,
             "memory_peak_mb": peak,
             "memory_afterwards_mb": program.resident_mb(),
-            "open_files_before": files,
-            "open_files_afterwards": program.open_files(),
+            "open_files_more": program.open_files() - files,
             "characters_on_the_terminal": len(program.terminal()) - words,
         }
 
