@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -90,9 +89,6 @@ def written(folder: Path) -> None:
     batch.mkdir()
     for outcome in OUTCOMES:
         append(batch / "ledger.jsonl", outcome)
-    (batch / "walk.json").write_text(
-        json.dumps(OUTCOMES[1].table(), indent=1) + "\n", encoding="utf-8"
-    )
 
 
 def _take(folder):

@@ -43,7 +43,7 @@ def check_model(file: Path, out: Path | None, json: bool) -> int:
     if out is not None:
         is_robot = out.suffix.lower() == _ROBOT
         head = f"# Made of {file.name}. What the numbers mean: docs/reference/definitions.md.\n\n"
-        toml = f"{head}{tomlkit.dumps(read_definition(file))}"
+        toml = "" if is_robot else f"{head}{tomlkit.dumps(read_definition(file))}"
         replace_text(out, urdf_text(model) if is_robot else toml)
     shapes = ", ".join(
         f"{count} ellipsoids in {key}" for key, count in report["ellipsoids"].items()
