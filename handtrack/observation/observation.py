@@ -121,7 +121,7 @@ class Silhouette:
     """int32: per row the half-open column span that was really observed; equal ends where none. Left out: all that the
     camera saw."""
     off_px: float = 0.0
-    """how far the outline is off, beyond what outlines usually are, as other cameras or the frames before tell: it weighs less by that"""
+    """how far the outline is off, beyond what outlines usually are, as the other cameras tell: it weighs less by that"""
 
     def __post_init__(self) -> None:
         """Read the mask's numbers, and undistort it where the lens distorts."""

@@ -35,7 +35,6 @@ def step_content(step: Step) -> _Content:
     data = _of_result(step.result, packed)
     packed.add("belief", step.belief)
     data["hypotheses"] = [_of_hypothesis(h, n, packed) for n, h in enumerate(step.hypotheses)]
-    data["outline_mm"] = dict(step.outline_mm)
     return packed.content(data)
 
 
@@ -54,8 +53,7 @@ def read_step(record: Record) -> Step:
     """Return the frame of a record with what the next one needs. Raises as `read_result` does."""
     arrays, data = _arrays(record), record.data
     hypotheses = tuple(_hypothesis(h, n, arrays) for n, h in enumerate(data.get("hypotheses", ())))
-    known = _result(data, arrays), arrays.get("belief"), hypotheses
-    return Step(*known, outline_mm=data.get("outline_mm", {}))
+    return Step(_result(data, arrays), arrays.get("belief"), hypotheses)
 
 
 class _Packed:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from handtrack.arrays import Floats, P, array_dataclass
@@ -28,8 +28,6 @@ class TrackerState:
     """poses carried along, heaviest first, where `tracker.hypotheses` is above 1"""
     texture: Before | None = None
     """images of the latest frame that was not lost and the model in it, where images are looked at"""
-    outlines: tuple[Mapping[str, float], ...] = ()
-    """`Step.outline_mm` of the latest frames"""
 
     @classmethod
     def beginning_at(cls, start: Floats[P]) -> TrackerState:
@@ -40,23 +38,20 @@ class TrackerState:
     def resumed(cls, results: Iterable[FrameResult]) -> TrackerState:
         """Return a state after results that were read back, in the order of tracking.
 
-        Poses go on as they would have; only how sure the last one was is not saved, nor hypotheses, texture and outlines.
+        Poses go on as they would have; only how sure the last one was is not saved, nor hypotheses and texture.
         """
         return cls(results=tuple(results)[-REMEMBERED:])
 
     @classmethod
     def after_steps(cls, steps: Sequence[Step], texture: Before | None = None) -> TrackerState:
         """Return the state after steps in the order of tracking, at least one; texture: of those it was."""
-        latest, last = steps[-REMEMBERED:], steps[-1]
-        results = tuple(step.result for step in latest)
-        outlines = tuple(step.outline_mm for step in latest)
-        return cls(None, results, last.belief, last.hypotheses, texture, outlines)
+        results = tuple(step.result for step in steps[-REMEMBERED:])
+        return cls(None, results, steps[-1].belief, steps[-1].hypotheses, texture)
 
     @property
     def step(self) -> Step:
         """The latest frame, as `after_steps` takes it. There is one."""
-        latest = self.results[-1], self.belief, self.hypotheses
-        return Step(*latest, outline_mm=self.outlines[-1])
+        return Step(self.results[-1], self.belief, self.hypotheses)
 
     @property
     def last(self) -> FrameResult | None:
@@ -66,11 +61,10 @@ class TrackerState:
         """Return the state once a frame is solved. A lost frame changes neither belief nor texture."""
         result = solved.result
         results = (*self.results, result)[-REMEMBERED:]
-        outlines = (*self.outlines, solved.outline_mm)[-REMEMBERED:]
         if result.status == Status.LOST and self.results:
-            return replace(self, results=results, hypotheses=solved.hypotheses, outlines=outlines)
+            return replace(self, results=results, hypotheses=solved.hypotheses)
         if texture is not None and self.texture is not None:
             texture = replace(texture, first=self.texture.first or self.texture)
         lost = result.status == Status.LOST
         belief = self.belief if lost else solved.belief
-        return TrackerState(None, results, belief, solved.hypotheses, texture, outlines)
+        return TrackerState(None, results, belief, solved.hypotheses, texture)

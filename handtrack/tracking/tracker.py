@@ -6,20 +6,17 @@ from dataclasses import dataclass, replace
 from itertools import takewhile
 from typing import Any
 
-import numpy as np
-
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Observation, Silhouette
+from handtrack.observation.observation import Observation
 from handtrack.parallel import one_blas_thread
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import FrameTask, predict
-from handtrack.tracking.frame.frame_terms import median_errors_mm
 from handtrack.tracking.frame.result import FrameResult, Status, Step, unconfirmed
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
@@ -128,7 +125,7 @@ class Tracker:
 
     def _task(self, state: TrackerState, observation: Observation, control: Control) -> FrameTask:
         """Return the frame to be solved, from where the hand is expected."""
-        observation = self._as_exact(state, self.with_custom_terms(observation))
+        observation = self.with_custom_terms(observation)
         expected, start = self._expected(state, observation.frame), state.start
         if start is None:
             if expected is None:
@@ -155,21 +152,6 @@ class Tracker:
             texture,
             control,
         )
-
-    def _as_exact(self, state: TrackerState, observation: Observation) -> Observation:
-        """Return what was seen, each mask as exact as those of its camera were in the frames before."""
-        usual, last = self.settings.silhouettes.outline_sigma_mm, state.last
-        known = median_errors_mm(state.outlines)
-
-        def as_exact(seen: Silhouette) -> Silhouette:
-            more = known.get(seen.camera.name, 0.0) ** 2 - usual**2
-            if last is None or more <= 0.0:
-                return seen
-            depth = float(np.median(seen.camera.to_camera(last.joint_positions)[:, 2]))
-            off_px = 1e-3 * more**0.5 * float(seen.camera.pixels_per_m(depth))
-            return replace(seen, off_px=max(seen.off_px, off_px))
-
-        return replace(observation, silhouettes=tuple(map(as_exact, observation.silhouettes)))
 
     def _expected(self, state: TrackerState, frame: int) -> Floats | None:
         """Return joint parameters (S,) where the hand is expected; None in a first frame."""

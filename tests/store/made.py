@@ -47,7 +47,7 @@ def step(rng: np.random.Generator, frame: int, hypotheses: int = 0) -> Step:
         reason=Reason("overlap", camera="cam0", number=0.1 + 0.2),
         alternatives=others,
     )
-    return Step(result, rng.normal(size=(count, count)), known, outline_mm={"cam0": 1.7})
+    return Step(result, rng.normal(size=(count, count)), known)
 
 
 def add_take(store: WritableStore, frames: range, seed: int = 0) -> int:

@@ -150,9 +150,7 @@ class FrameTask:
             iterations=found.iterations,
             views=terms.views,
         )
-        is_lost = result.status == Status.LOST
-        outlines = {} if is_lost else terms.outline_errors_mm(model.bones(params))
-        return Step(result, covariance, outline_mm=outlines)
+        return Step(result, covariance)
 
 
 def inheriting_uncertainty(

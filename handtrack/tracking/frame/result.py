@@ -260,8 +260,6 @@ class Step:
     """poses carried along, heaviest first"""
     search_due: bool = False
     """a search would have been made, had it been allowed (`Control.searches`); not kept"""
-    outline_mm: Mapping[str, float] = field(default_factory=dict)
-    """by camera, how far the hand's outline is from its mask"""
 
 
 FIELDS = result_fields(fields(FrameResult))

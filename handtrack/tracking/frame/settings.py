@@ -126,8 +126,7 @@ class SilhouetteSettings:
     )
     outline_sigma_mm: float = setting(
         1.5,
-        "Standard deviation of the distance between the model's contour and the silhouette's. A larger value measured from the "
-        "recording replaces it.",
+        "Standard deviation of the distance between the model's contour and the silhouette's.",
         label="Outline error mm",
         level="user",
         unit="mm",
