@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -325,15 +325,6 @@ def _of_the_hand(
     if is_odd and silhouettes[worst] in suspected(tuple(silhouettes)):
         every.remove(worst)
     return every
-
-
-def median_errors_mm(found: Iterable[Mapping[str, float]]) -> dict[str, float]:
-    """Return by camera the median over frames of `FrameTerms.outline_errors_mm`."""
-    by_name: dict[str, list[float]] = {}
-    for errors in found:
-        for name, mm in errors.items():
-            by_name.setdefault(name, []).append(mm)
-    return {name: float(np.median(mm)) for name, mm in by_name.items()}
 
 
 def pin_terms(model: ArticulatedModel, observation: Observation) -> tuple[KeypointTerm, ...]:

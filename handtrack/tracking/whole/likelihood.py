@@ -28,13 +28,7 @@ from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.control import Control, Observe
 from handtrack.tracking.frame.depth_flips import only_camera
 from handtrack.tracking.frame.descent import stage_problem
-from handtrack.tracking.frame.frame_terms import (
-    FrameTerms,
-    at_camera_times,
-    by_camera,
-    frame_terms,
-    median_errors_mm,
-)
+from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, by_camera, frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
@@ -292,10 +286,12 @@ def measured_outlines(
     Masks that follow from a detector's joints, or from colour, are wrong by more than a hand of ellipsoids is; a camera whose masks show a
     shadow by much more.
     """
-    return median_errors_mm(
-        likelihood.of(frames[n]).terms.outline_errors_mm(likelihood.model.bones(poses[n]))
-        for n in evenly_spread(len(frames), _OUTLINES)
-    )
+    found: dict[str, list[float]] = {}
+    for n in evenly_spread(len(frames), _OUTLINES):
+        terms = likelihood.of(frames[n]).terms
+        for name, mm in terms.outline_errors_mm(likelihood.model.bones(poses[n])).items():
+            found.setdefault(name, []).append(mm)
+    return {name: float(np.median(mm)) for name, mm in found.items()}
 
 
 def new_share(likelihood: RecordingLikelihood, frames: Sequence[int], poses: Floats[F, P]) -> float:
