@@ -1,4 +1,4 @@
-"""Random samples around a minimum, scaled by its covariance, and the density of a bell with long tails."""
+"""Random samples around a minimum, scaled by its covariance, and the density of a long-tailed distribution."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def covariance_scaled(
 def long_tailed(
     mean: Floats[P], covariance: Floats[P, P], samples: Floats[N, P]
 ) -> tuple[Floats[N], Floats[N]]:
-    """Return the log-density (N,) of a bell with Cauchy's tails along each principal axis, and squared distances (N,).
+    """Return the log-density (N,) of a distribution with Cauchy's tails along each principal axis, and squared distances (N,).
 
-    The density leaves out what is the same for all bells; the distance is Mahalanobis'. What has no uncertainty at all is given
+    The density leaves out what is the same wherever it is centred; the distance is Mahalanobis'. What has no uncertainty at all is given
     a millionth of what is most uncertain.
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))

@@ -41,10 +41,11 @@ def check_model(file: Path, out: Path | None, json: bool) -> int:
         "ellipsoids": {key: len(ellipsoids.bone) for key, ellipsoids in model.ellipsoids.items()}, "findings": odd, "output": out,
     }  # fmt: skip
     if out is not None:
-        is_robot = out.suffix.lower() == _ROBOT
-        head = f"# Made of {file.name}. What the numbers mean: docs/reference/definitions.md.\n\n"
-        toml = "" if is_robot else f"{head}{tomlkit.dumps(read_definition(file))}"
-        replace_text(out, urdf_text(model) if is_robot else toml)
+        if out.suffix.lower() == _ROBOT:
+            text = urdf_text(model)
+        else:
+            text = f"# Made of {file.name}. What the numbers mean: docs/reference/definitions.md.\n\n{tomlkit.dumps(read_definition(file))}"
+        replace_text(out, text)
     shapes = ", ".join(
         f"{count} ellipsoids in {key}" for key, count in report["ellipsoids"].items()
     )

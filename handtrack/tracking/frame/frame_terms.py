@@ -54,7 +54,7 @@ from handtrack.tracking.frame.terms.priors import motion_prior, pose_priors
 _MM = 1e-3
 _LEAST_BAND_PX = 0.75  # a pixel is that coarse
 _FIELD_BAND_MM = 4.5  # the 2007 field falls from outline to centre over a finger's radius
-_ON_PURPOSE = 3.0  # sigmas that fingers of a hand part by when they point or spell: no bell fits that and a hand at ease
+_ON_PURPOSE = 3.0  # sigmas that fingers of a hand part by when they point or spell: no Gaussian fits that and a hand at ease
 _ROWS_OF_OVERLAP = 4  # of so many one tells whether half of a hand lies where its mask is
 _ROBUST = geman_mcclure(3.0)
 """of given keypoints: one that is more than a few sigmas off no longer pulls"""

@@ -24,7 +24,7 @@ class Traits:
     joints_begin: bool = False
     """joints seen in images are all that a first frame is fitted to, and no other frame looks at them"""
     closest_prior: bool = False
-    """hypotheses descend on what is seen alone, and count by the long-tailed bell of the last frame that is closest to where they end;
+    """hypotheses descend on what is seen alone, and count by the long-tailed density of the last frame that is closest to where they end;
     those that are shown may be near each other"""
     new_share: float = 1.0
     """of what one camera's joints say of a frame to hypotheses, how much earlier frames did not say: measured, where all frames are

@@ -59,8 +59,8 @@ class Source:
     """log of the weight, and of the prior's normalisation where the terms pull"""
 
     @property
-    def bell(self) -> MotionBelief:
-        """The belief, after a first frame."""
+    def predicted(self) -> MotionBelief:
+        """Where the hand is expected, in a frame after others."""
         assert self.belief is not None
         return self.belief
 
@@ -119,7 +119,7 @@ class MixtureObjective:
     def weighed(self, source: Source, found: Minima) -> list[Start]:
         """Return the minima that a source's starts led to, with what they weigh.
 
-        The mass is exp(−cost) times the prior's normalisation times √det(2π C), what the bell of covariance C around the
+        The mass is exp(−cost) times the prior's normalisation times √det(2π C), what the Gaussian of covariance C around the
         minimum holds (Laplace): a wide minimum of the same cost is more probable than a narrow one. Nothing came before a
         first frame: there costs alone decide.
         """
@@ -227,7 +227,7 @@ class NextHypotheses(MixtureObjective):
         return JUMP_SHARE if self.chains and self.reference is not None else 0.0
 
     def _followed(self, component: Source) -> list[Start]:
-        belief = component.bell
+        belief = component.predicted
         if self.settings.traits.closest_prior:
             return self.starts(component, belief.mean[None])
         log = np.log1p(-self._jump_share) + component.log_prior
@@ -241,7 +241,7 @@ class NextHypotheses(MixtureObjective):
     def _jump(self, i: int, c: int) -> Source:
         """Return the source of starts in which a component's chain is anywhere within its limits."""
         component, chain = self.components[i], self.chains[c]
-        model, belief, names = self.model, component.bell, self.model.transform.names
+        model, belief, names = self.model, component.predicted, self.model.transform.names
         jumped = replace(component, origin=f"{chain.name} jumped", most=1)
         if self.settings.traits.closest_prior:
             return jumped
@@ -263,15 +263,15 @@ class NextHypotheses(MixtureObjective):
         )
 
     def weighed(self, source: Source, found: Minima) -> list[Start]:
-        """Return minima with what they weigh: by where they come from, or by the bell that is closest to where they end.
+        """Return minima with what they weigh: by where they come from, or by the density that is closest to where they end.
 
-        The second is the 2003 paper's (fig. 4, step 5): exp(−cost) times weight and height of the long-tailed bell of the last
+        The second is the 2003 paper's (fig. 4, step 5): exp(−cost) times weight and height of the long-tailed density of the last
         frame that is closest by Mahalanobis' distance, wherever a minimum was come by.
         """
         if not self.settings.traits.closest_prior:
             return super().weighed(source, found)
         heights, distances = zip(
-            *(self._bell(c, found.params) for c in self.components), strict=True
+            *(self._density(c, found.params) for c in self.components), strict=True
         )
         closest = np.argmin(distances, axis=0)
         return [
@@ -284,9 +284,9 @@ class NextHypotheses(MixtureObjective):
             for n, i in enumerate(closest)
         ]
 
-    def _bell(self, component: Source, params: Floats) -> tuple[Floats, Floats]:
+    def _density(self, component: Source, params: Floats) -> tuple[Floats, Floats]:
         """Return the log of a component's weight and height at params (N, P), and squared distances to it (N,)."""
-        belief, params = component.bell, params.copy()
+        belief, params = component.predicted, params.copy()
         for row in params:
             row[3:6] = closest_equivalent(row[3:6], belief.mean[3:6])
         height, distance = long_tailed(belief.mean, belief.place_covariance, params)
@@ -296,7 +296,7 @@ class NextHypotheses(MixtureObjective):
     def _votes(self) -> list[Floats]:
         """Of each component (C,) how probable it is that each chain jumps."""
         return [
-            chain_votes(self.model, c.bell.mean, c.bell.place_covariance, self.chains)
+            chain_votes(self.model, c.predicted.mean, c.predicted.place_covariance, self.chains)
             for c in self.components
         ]
 
@@ -311,7 +311,7 @@ class NextHypotheses(MixtureObjective):
         quick = by_keypoints_alone(self.components[0].terms)
         draws = mixture.draws if quick else min(mixture.draws, MIXTURE_DESCENTS)
         for i in _drawn(weights / weights.sum(), draws, self.rng):
-            belief = self.components[i].bell
+            belief = self.components[i].predicted
             c = int(self.rng.choice(len(self.chains), p=self._votes[i]))
             sample = covariance_scaled(
                 belief.mean, belief.place_covariance, mixture.scale, 1, self.rng.standard_normal
@@ -408,5 +408,5 @@ def _shared_out(prior: ParameterTerm) -> ParameterTerm:
 
 
 def log_normal(spread: Floats[P, P]) -> float:
-    """Return the log of a bell's height at its middle, −½ log det(2π C)."""
+    """Return the log of a Gaussian's height at its mean, −½ log det(2π C)."""
     return -0.5 * float(np.linalg.slogdet(spread)[1] + len(spread) * np.log(2.0 * np.pi))

@@ -48,7 +48,7 @@ class Minimum:
 class Trellis:
     """Minima of frames that follow one another, at least one each, joined by what a frame may change.
 
-    A minimum's mass is its bell's, exp(−η cost) · √det C (Laplace), C = (ηH + S⁻¹)⁻¹: what the frame leaves open is known as
+    A minimum's mass is its Gaussian's, exp(−η cost) · √det C (Laplace), C = (ηH + S⁻¹)⁻¹: what the frame leaves open is known as
     well as the frames beside it say, within a frame's change S. Two that follow each other are joined by N(change; 0, S + C + C').
     """
 

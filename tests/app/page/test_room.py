@@ -37,8 +37,11 @@ def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench, pa
     page.press("Hide or show the panel")
     eventually(lambda: folds(bench, one) == [True])
     page.press("Light or dark")
-    kept = lambda: said(one, "LocalStorageSetItemMessage")[-1:]  # noqa: E731  the newest, of those that wait
-    eventually(lambda: [Taste.read(k["value"]) for k in kept()] == [Taste(True, LIGHT)])
+
+    def kept():  # the newest: those that wait to be sent are merged
+        return [Taste.read(k["value"]) for k in said(one, "LocalStorageSetItemMessage")[-1:]]
+
+    eventually(lambda: kept() == [Taste(True, LIGHT)])
     page.press("Hide or show the panel")
     eventually(lambda: folds(bench, one) == [True, False])
     assert folds(bench, other) == []

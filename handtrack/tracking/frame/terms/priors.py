@@ -18,7 +18,7 @@ from handtrack.tracking.frame.settings import PriorSettings
 # least, ring most: Häger-Ross & Schieber (2000), "Quantifying the independence of human finger movements",
 # J. Neurosci. 20(22). The widths are about twice the spread of such differences in everyday postures. Knuckle and middle joint
 # bend together in the first synergy of grasping (Santello, Flanders & Soechting 1998, J. Neurosci. 18(23)), though a hook or a
-# flat hand bent at the knuckles parts them: a wide bell, so that what a fist hides is closed where its knuckles are bent.
+# flat hand bent at the knuckles parts them: a wide Gaussian, so that what a fist hides is closed where its knuckles are bent.
 # The ratio of the last two joints differs: 0.76 in index fingers that move freely (Hahn et al. 1995, J. Biomech. 28(10)), less about a thin bar
 # than about a thick one (Shimawaki et al. 2019, Appl. Bionics Biomech. 2839648, by CT). A spread of 0.2 covers them.
 _RATIO_SPREAD = 0.2
