@@ -110,8 +110,6 @@ HALVES = {
         2 turned makehuman2 pinches
         2 joints webxr curls
         3 joints ragged makehuman2 fist
-    """,
-    "fresh": """
         2 joints unmasked makehuman5 fist
         2 joints unmasked umetrack grab:0
         3 joints unmasked webxr counts
@@ -126,6 +124,24 @@ HALVES = {
         2 gaps umetrack animbank_a:880
         3 late turned makehuman2 waves
         5 ragged makehuman4 fist
+    """,
+    "fresh": """
+        2 joints unmasked makehuman2 fist
+        2 joints unmasked webxr letters
+        3 joints unmasked umetrack pinches
+        2 joints unmasked makehuman5 test-paddle-rightwards:0
+        2 joints ragged makehuman7 fist
+        2 joints webxr brian:0
+        3 joints makehuman5 curls
+        3 joints turned makehuman4 letters
+        2 joints gaps ragged umetrack Waiting-110fps:0
+        2 ragged makehuman2 letters
+        2 late umetrack counts
+        3 sleeve makehuman4 counts
+        2 gaps webxr animbank_a:540
+        3 late turned makehuman1 fist
+        5 ragged umetrack letters
+        4 makehuman0 fist
     """,
 }
 """of each recording cameras, faults, hand, and motion: of `motions.SHAPES`, or FILE:ROW of RealSense's or Leap Motion's. Faults: masks with
