@@ -156,11 +156,11 @@ def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
     assert within_limits(model.limits, near.params).all()
 
 
-def _votes(*bells):
-    """Return votes by chain for a covariance of bells: (variance, direction by name, in units of parameters' ranges) each."""
+def _votes(*gaussians):
+    """Return votes by chain for a covariance of Gaussians: (variance, direction by name, in units of parameters' ranges) each."""
     ranges = np.ptp(BODY.bounds(BODY.rest_params()), axis=1)
     whole = np.zeros((len(ranges), len(ranges)))
-    for variance, direction in bells:
+    for variance, direction in gaussians:
         way = np.zeros(len(ranges))
         for name, share in direction.items():
             way[BODY.transform.names.index(name)] = share

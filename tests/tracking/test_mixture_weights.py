@@ -84,7 +84,7 @@ def test_two_parameters_that_err_together_are_weighed_together():
 
 @pytest.mark.parametrize("share", [0.1, 0.6])
 def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch, share):
-    """Of the finger that jumped nothing is known but its limits: ∏ 1/range · ∫ exp(−cost), against the bell that followed, both in closed form."""
+    """Of the finger that jumped nothing is known but its limits: ∏ 1/range · ∫ exp(−cost), against the Gaussian that followed, both in closed form."""
     chain = next(c for c in chains_of(HAND) if c.name == "index")
     columns = [HAND.transform.names.index(name) for name in chain.parameters]
     mean, seen = HAND.rest_params(), HAND.rest_params()
@@ -119,8 +119,8 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     )
 
     low, high = HAND.bounds(mean)[columns].T
-    bells = norm.pdf(seen[columns], mean[columns], np.hypot(expected, sharp))
-    ratio = share / (1.0 - share) / np.prod((high - low) * bells)
+    gaussians = norm.pdf(seen[columns], mean[columns], np.hypot(expected, sharp))
+    ratio = share / (1.0 - share) / np.prod((high - low) * gaussians)
     assert weights.keys() == {"followed", "index jumped"}
     assert weights["index jumped"] / weights["followed"] == pytest.approx(ratio, rel=0.01)
 
@@ -147,10 +147,10 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
 
 def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monkeypatch):
     """The middle one is 4 mm from the heaviest in shape: it is no alternative, however heavy beside the third."""
-    bells = [(0.5, 0.0), (0.3, 0.1), (0.2, 1.5)]
+    gaussians = [(0.5, 0.0), (0.3, 0.1), (0.2, 1.5)]
     components = [
         component(turned(angle), 1e-4 * np.eye(6), frame(BALL), w, n)
-        for n, (w, angle) in enumerate(bells)
+        for n, (w, angle) in enumerate(gaussians)
     ]
     found, parents = carried_on(components)
     assert parents == (0, 1, 2)
@@ -165,14 +165,14 @@ def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monke
 
 @dataclass(frozen=True)
 class Wells(ParameterTerm):
-    """The least of bells, each with a cost of its own."""
+    """The least of Gaussians, each with a cost of its own."""
 
     wells: tuple[tuple[float, GaussianPrior], ...]
     name: str = "wells"
 
     def add_to(self, joint_params, sums):
-        least, bell = min(self.wells, key=lambda well: well[0] + well[1].cost(joint_params))
-        return least + bell.add_to(joint_params, sums)
+        least, gaussian = min(self.wells, key=lambda well: well[0] + well[1].cost(joint_params))
+        return least + gaussian.add_to(joint_params, sums)
 
 
 def well(angle, cost, sigma):

@@ -155,9 +155,10 @@ def test_a_disk_that_fills_up_does_not_cost_the_result(handtrack, session, monke
 # ---- new, simulate, doctor, bench ------------------------------------------------------------------
 
 
-def test_what_is_printed_is_one_object(handtrack, session, tmp_path):
+def test_what_is_printed_is_one_object(handtrack, done, tmp_path):
     for words, key in (
-        (["doctor", session], "findings"),
+        (["doctor", done], "findings"),
+        (["spread", done / "tracks" / "poses.npz"], "settings"),
         (["board", "--board", "chessboard:9x6:25mm", "--out", tmp_path / "b.svg"], "page_mm"),
         (["simulate", "--out", tmp_path / "s", "--frames", 1, "--cameras", 1, "--size", 64, 48], "session"),
         (["bench", "jump_tree_1024"], "jump_tree_1024"),
@@ -166,6 +167,7 @@ def test_what_is_printed_is_one_object(handtrack, session, tmp_path):
         ended = handtrack.does(*words, "--json")
         assert key in json.loads(ended.out)
     assert json.loads(ended.out)["findings"] == []
+    handtrack.does("start", "--help")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell script")
