@@ -14,8 +14,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import suppress
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -25,7 +31,6 @@ from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
-from uuid import uuid4
 
 import numpy as np
 from tqdm import tqdm
@@ -52,20 +57,15 @@ def recordings(patterns: Sequence[str], words: Sequence[str], out: Path) -> list
     folders: dict[Path, None] = {}
     for pattern in patterns:
         paths = [Path(p) for p in sorted(glob.glob(os.path.expanduser(pattern), recursive=True))]
-        results = [path.parent if path.name == SESSION_FILE else path for path in paths]
-        results = [
-            folder.resolve()
-            for folder in results
-            if folder.is_dir()
-            and folder.resolve() != out.resolve()
-            and not (folder / LEDGER_FILE).is_file()
-        ]
-        if not results:
+        named = [path.parent if path.name == SESSION_FILE else path for path in paths]
+        found = [folder.resolve() for folder in named if folder.is_dir()]
+        found = [f for f in found if f != out and not (f / LEDGER_FILE).is_file()]
+        if not found:
             raise HandtrackError(
                 f"{pattern}: no session folder matches; expected folders with a {SESSION_FILE}, such as 'recordings/*', or "
                 f"'recordings/**/{SESSION_FILE}' for all below a folder."
             )
-        folders |= dict.fromkeys(results)
+        folders |= dict.fromkeys(found)
     ordered = sorted(folders)
     asked = [*words, *(f"{name} {version}" for name, version in sorted(versions_in_use().items()))]
     names = _names(ordered)
@@ -93,13 +93,11 @@ def _inputs(folder: Path) -> list[str]:
 
 def _listing(folder: Path) -> list[str]:
     rows = []
-    for place, folders, files in os.walk(folder):
-        folders[:] = sorted(set(folders) - _MADE)
-        for name in sorted(files):
-            stat = os.stat(Path(place, name), follow_symlinks=False)
-            rows.append(
-                f"{os.path.relpath(place, folder)}/{name} {stat.st_size} {stat.st_mtime_ns}"
-            )
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder)
+        if name.parts[0] not in _MADE and not path.is_dir():
+            stat = path.lstat()
+            rows.append(f"{name} {stat.st_size} {stat.st_mtime_ns}")
     return rows
 
 
@@ -258,8 +256,12 @@ def track_one(
         recording, state=state, exit_code=code, seconds=round(time.monotonic() - began, 3), frames=report.get("frames", {}),
         p_off=_p_off(Path(recording.folder) / POSES_FILE) if code == 0 else None,
         warnings=report.get("warnings", []), cause=cause, output=str(report.get("output", "")),
-        ended=datetime.now(UTC).isoformat(timespec="seconds"),
+        ended=_now(),
     )  # fmt: skip
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _cause(log: Path, code: int) -> str:
@@ -293,108 +295,59 @@ Track = Callable[[Outcome, Callable[[], bool]], Outcome]
 """tracks a recording, until it is to stop"""
 
 
-def on_this_machine(
-    todo: Sequence[Outcome],
-    track_it: Track,
-    jobs: int,
-    should_stop: Callable[[], bool],
-    report: Callable[[Outcome], None],
-) -> Iterator[Outcome]:
-    """Yield outcomes as they come, `jobs` recordings at a time. tell: is told that one is begun.
+def track_all(
+    pool: Executor, over: Any, todo: Sequence[Outcome], track_it: Track, should_stop: Callable[[], bool]
+) -> Iterator[Outcome]:  # fmt: skip
+    """Yield outcomes as they come. Once it is to stop, `over` is set: what runs is stopped, and the others are not begun.
 
-    Once it is to stop, those that run are stopped, and the others not begun.
+    over: an event that all hear that work for the pool.
     """
-    over = threading.Event()
-
-    def stopped() -> bool:
-        return over.is_set() or should_stop()
-
-    def track(recording: Outcome) -> Outcome | None:
-        if stopped():
-            return None
-        report(recording)
-        return track_it(recording, stopped)
-
-    with ThreadPoolExecutor(jobs, "batch") as pool:
-        waiting: set[Future[Outcome | None]] = {pool.submit(track, one) for one in todo}
-        try:
-            while waiting:
-                done, waiting = wait(waiting, _POLL_S, FIRST_COMPLETED)
-                yield from filter(None, (future.result() for future in done))
-        finally:
+    left = {pool.submit(_tracked, one, track_it, over): one for one in todo}
+    while left:
+        if should_stop():
             over.set()
+        for future in wait(left, _POLL_S, FIRST_COMPLETED).done:
+            outcome = _ended(future, left.pop(future))
+            if outcome is not None:
+                yield outcome
 
 
-def on_dask(
-    address: str, todo: Sequence[Outcome], track_it: Track, should_stop: Callable[[], bool]
-) -> Iterator[Outcome]:
-    """Yield outcomes as they come from a dask cluster, whose workers see the same folders and have handtrack installed.
+def _tracked(one: Outcome, track_it: Track, over: Any) -> Outcome | None:
+    """Return how a recording's tracking ended; None where nothing is to be begun any more."""
+    return None if over.is_set() else track_it(one, over.is_set)
 
-    Once it is to stop, the workers stop what they track, as this machine's processes do, and begin nothing more.
+
+def _ended(future: Future[Outcome | None], one: Outcome) -> Outcome | None:
+    """Return the outcome of a recording; a failed one where its worker was lost too often, or cannot run handtrack."""
+    try:
+        return future.result()
+    except Exception as error:
+        cause = f"{type(error).__name__}: {error}"
+    return replace(one, state=FAILED, cause=cause, ended=_now())
+
+
+@contextmanager
+def on_dask(address: str) -> Iterator[tuple[Executor, Any]]:
+    """Give the workers of a dask cluster, which see the same folders and have handtrack installed, and an event that they hear.
 
     Raises HandtrackError where dask.distributed is not installed, or nobody answers at the address.
     """
-    client = _client(address)
-    stop = f"handtrack-stop-{uuid4()}"
     try:
-        left = {
-            client.submit(_tracked, one, track_it, partial(_is_asked, stop), key=f"{one.recording}-{one.digest}", pure=False, retries=_RETRIES): one
-            for one in todo
-        }  # fmt: skip
-        asked = False
-        while left:
-            if should_stop() and not asked:
-                asked = True
-                _event(stop).set()
-            done = [future for future in left if future.done()]
-            yield from filter(None, (_ended(future, left.pop(future)) for future in done))
-            if not done:
-                threading.Event().wait(_POLL_S)
-    finally:
-        client.close()
-
-
-def _tracked(one: Outcome, track_it: Track, should_stop: Callable[[], bool]) -> Outcome | None:
-    """Return how a recording's tracking ended, of which a worker has its turn; None where nothing is to be begun any more."""
-    if should_stop():
-        return None
-    return track_it(one, should_stop)
-
-
-def _event(name: str) -> Any:
-    """Return the word of dask's, which all of a cluster hear, that those that work somewhere else are to stop."""
-    return import_module("dask.distributed").Event(name)
-
-
-def _is_asked(name: str) -> bool:
-    return bool(_event(name).is_set())
-
-
-def _ended(future: Any, one: Outcome) -> Outcome | None:
-    """Return the outcome of a recording; a failed one where its worker was lost too often, or cannot run handtrack."""
-    error = "it was cancelled" if future.cancelled() else future.exception()
-    if error is None:
-        return future.result()
-    cause = f"dask: {str(error) or type(error).__name__}"
-    ended = datetime.now(UTC).isoformat(timespec="seconds")
-    return replace(one, state=FAILED, cause=cause, ended=ended)
-
-
-def _client(address: str) -> Any:
-    try:
-        client = import_module("dask.distributed").Client
+        dask = import_module("dask.distributed")
     except ImportError:
         raise HandtrackError(
             "--dask: dask.distributed is not installed: `pip install distributed`, or handtrack with the extra `cluster`. "
             "--jobs N works without it, on this machine."
         ) from None
     try:
-        return client(address, timeout=20)
+        client = dask.Client(address, timeout=20)
     except (OSError, TimeoutError, ValueError) as error:
         raise HandtrackError(
             f"--dask {address}: no scheduler answers there ({error}); expected an address as `dask scheduler` prints it, such "
             "as tcp://node1:8786."
         ) from None
+    with client:
+        yield client.get_executor(pure=False, retries=_RETRIES), dask.Event()
 
 
 # ---- What became of all recordings, worst first: report.html to look at, report.csv to count with
@@ -553,20 +506,30 @@ def run(options: BatchOptions) -> int:
         print_status(
             f"{same} of {len(plan)} recordings are left as they are: same inputs, settings, version."
         )
-    track_it = partial(track_one, words, out, max(thread_count() // options.jobs, 1))
-    with stoppable() as stop:
-        came = (
-            on_this_machine(todo, track_it, options.jobs, stop, lambda begun: append(ledger, begun))
-            if options.dask is None
-            else on_dask(options.dask, todo, track_it, stop)
+    track_it: Track = partial(track_one, words, out, max(thread_count() // options.jobs, 1))
+
+    def begin_here(recording: Outcome, should_stop: Callable[[], bool]) -> Outcome:
+        append(ledger, recording)
+        return track_it(recording, should_stop)
+
+    with ExitStack() as stack:
+        stop = stack.enter_context(stoppable())
+        if options.dask is None:
+            pool, over = stack.enter_context(ThreadPoolExecutor(options.jobs)), threading.Event()
+        else:
+            pool, over = stack.enter_context(on_dask(options.dask))
+        stack.callback(over.set)
+        bar = stack.enter_context(
+            progress_bar(len(todo), "batch", unit="recording", disable=not todo)
         )
-        with progress_bar(len(todo), "batch", unit="recording", disable=not todo) as bar:
-            for outcome in came:
-                append(ledger, outcome)
-                if outcome.state != DONE:
-                    words = f"{outcome.recording}: {outcome.state}: {outcome.cause}"
-                    tqdm.write(words, file=sys.stderr)
-                bar.update()
+        for outcome in track_all(
+            pool, over, todo, begin_here if options.dask is None else track_it, stop
+        ):
+            append(ledger, outcome)
+            if outcome.state != DONE:
+                words = f"{outcome.recording}: {outcome.state}: {outcome.cause}"
+                tqdm.write(words, file=sys.stderr)
+            bar.update()
         stopped = stop()
     ended = latest(read_ledger(ledger))
     write_report(out, list(ended.values()))
