@@ -175,7 +175,7 @@ def _outlines(view: View, frames: Sequence[int], without: Sequence[int]) -> list
 def _outline(mask: Bytes, unknown: int | None, view: View) -> _Outline:
     x, y, width, height = view.settings.roi or (0, 0, *view.camera.size)
     found, _ = cv2.findContours(
-        ((mask >= 128) & (mask != unknown)).astype(np.uint8),
+        ((mask >= 128) & (mask != (unknown or 0))).astype(np.uint8),
         cv2.RETR_EXTERNAL,
         cv2.CHAIN_APPROX_NONE,
     )
