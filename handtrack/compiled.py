@@ -20,6 +20,7 @@ import numba
 from numba import config
 from numba.core.caching import FunctionCache, _CacheLocator
 from numba.core.dispatcher import Dispatcher
+from numba.core.runtime import rtsys
 from numba.misc.appdirs import AppDirs
 
 _FOLDER = Path(AppDirs("handtrack", appauthor=False).user_cache_dir) / "kernels"
@@ -60,14 +61,23 @@ class _Locator(_CacheLocator):
 class _Files(FunctionCache._impl_class):
     _locator_classes = (_Locator, *FunctionCache._impl_class._locator_classes)
 
+    def reduce(self, data: Any) -> Any:
+        """Return what is kept of compiled code: without the modules of callees that have no constants, which loading would import."""
+        *code, environments = super().reduce(data)
+        return *code, [one for one in environments if one.consts]
+
 
 class _Cache(FunctionCache):
     _impl_class = _Files
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return compiled code from disk. None, and the function's files removed, where a type of its arguments has been renamed since."""
+        """Return compiled code from disk. None, and the function's files removed, where a type of its arguments has been renamed since.
+
+        It is only run: what Numba compiles with, and loads first here, is not needed for that, and takes 0.4 s.
+        """
+        rtsys.initialize(target_context)
         try:
-            return super().load_overload(sig, target_context)
+            return self._load_overload(sig, target_context)
         except (AttributeError, ImportError):
             self.flush()
             return None

@@ -79,8 +79,8 @@ class _OneBlasThread(ContextDecorator):
 
 
 one_blas_thread = _OneBlasThread()
-"""While it lasts, or a function runs that it decorates, linear algebra of NumPy, SciPy and compiled code takes one thread in this
-process. Matrices here are small: more threads only wait for each other, and change the order of sums."""
+"""While it lasts, or a function runs that it decorates, linear algebra of NumPy takes one thread in this process: more only wait for
+each other, and change the order of sums. Compiled code takes SciPy's, for matrices too small to be shared between threads."""
 
 
 def _controlled_blas() -> Any:
@@ -95,7 +95,6 @@ def _controlled_blas() -> Any:
 
 @lru_cache(maxsize=1)
 def _blas() -> Any:
-    import scipy.linalg  # noqa: F401  its BLAS is to be loaded, which compiled code uses too
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
