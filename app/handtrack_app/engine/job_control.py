@@ -10,14 +10,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from handtrack.arrays import Floats, S
+from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.pins import Pin
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.posed_frames import keyframe_result
 from handtrack.session.run import TrackingRun
-from handtrack.session.session_state import NOTHING, DecidedPose, Edit, StartPose, decide, in_turn
+from handtrack.session.session_state import (
+    NOTHING,
+    DecidedPose,
+    Edit,
+    SessionState,
+    StartPose,
+    decide,
+    in_turn,
+)
 from handtrack.session.track_session import (
     FramesRefined,
     FrameTracked,
@@ -28,9 +35,7 @@ from handtrack.session.track_session import (
     Warned,
 )
 from handtrack.store.history import NOTE
-from handtrack.store.spans import Span
 from handtrack.tracking.frame.confidence import OutlineFit, hand_words
-from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameHead, FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine import jobs
@@ -94,39 +99,21 @@ def tracking_request(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class RefinedWith:
-    """What frames were refined with."""
-
-    run: TrackingRun
-    spans: tuple[Span, ...]
-    """of the current track, once they lay in it"""
-    keyframes: Mapping[int, Floats[S]]
-    pins: Mapping[int, tuple[Pin, ...]]
-
-    @classmethod
-    def of(cls, document: Document) -> RefinedWith:
-        """Return what frames would be refined with now."""
-        pins = document.run.session.pins
-        return cls(
-            document.run,
-            document.state.spans,
-            document.keyframes(document.frames),
-            {frame: pins.of(frame) for frame in pins.frames},
-        )
-
-    def changed(self, now: RefinedWith) -> list[int] | None:
-        """Return at which frames keyframes or pins are new or moved; None where none is, where one was let go, or anything else may
-        have changed.
-        """
-        before, after = self.keyframes, now.keyframes
-        gone = (before.keys() - after.keys()) | (self.pins.keys() - now.pins.keys())
-        if gone or now.run is not self.run or now.spans != self.spans:
+def changed_frames(before: SessionState, now: SessionState) -> list[int] | None:
+    """Return at which frames keyframes or pins are new or moved; None where none is, where one was let go, or anything else may have
+    changed that frames are refined with.
+    """
+    found = set[int]()
+    for was, held in ((_keyframes(before), _keyframes(now)), (before.pins, now.pins)):
+        if was.keys() - held.keys():
             return None
-        same = {f for f in before.keys() & after.keys() if np.array_equal(before[f], after[f])}
-        posed = after.keys() - same
-        pinned = {f for f, pins in now.pins.items() if self.pins.get(f, ()) != pins}
-        return sorted(posed | pinned) or None
+        found |= {frame for frame, value in held.items() if was.get(frame) != value}
+    kinds = {kind for kind, _ in now.changed(before)}
+    return None if kinds - {"pose", "pins", "accepted"} else sorted(found) or None
+
+
+def _keyframes(state: SessionState) -> dict[int, DecidedPose]:
+    return {f: pose for f, pose in state.pose.items() if not (pose.carried or pose.is_led)}
 
 
 _OTHER_ARM = "Masks of all frames show another forearm than those of the first."
@@ -214,7 +201,6 @@ def moved_words(moves: Mapping[int, float]) -> str:
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
-_COMES_AGAIN = 2 * FRAMES_AHEAD  # frames before a live one that may still change
 _ENDLESS = 1 << 40  # frames
 _WORDS = {
     "paused": "Paused",
@@ -243,17 +229,15 @@ class JobControl:
         self._document, self._store, self._live = document, opened.store, live
         self._publish, self._watch, self._opened = opened.announce, watch, opened
         self._job: BackgroundJob | None = None
-        self._outcomes: dict[int, FrameHead] = {}
-        """what is told of frames in the end; without their arrays, for there may be many"""
-        self._latest: dict[int, FrameResult] = {}  # frames that may come again
         self._moves: dict[int, float] = {}
-        self._refined_with: RefinedWith | None = None  # the latest
-        self._given = RefinedWith.of(document)  # when the pass began
+        self._given = document.state
+        """when the pass began"""
+        self._refined_with: SessionState | None = None
+        """what held when frames were refined last, with what that changed"""
         self._shown = self._stripped = 0.0
         self._compiles = compiles
         self._compiled_before = 0
-        self._ticked: object = None
-        """how far the job's progress was told"""
+        self._told: ProgressSnapshot | None = None
         self.guesses = Guesses(document)
 
     @property
@@ -351,7 +335,7 @@ class JobControl:
         if len(tracked) < 2:
             raise HandtrackError("There is nothing to refine: track some frames first.")
         before = self._refined_with
-        changed = None if before is None else before.changed(RefinedWith.of(document))
+        changed = None if before is None else changed_frames(before, document.state)
         run, found = document.run, document.results.refinement
         if changed is not None and found is not None:
             run = replace(run, cameras=Refinement.read(found).cameras)
@@ -427,8 +411,7 @@ class JobControl:
         """Begin a job. Raises HandtrackError while another runs."""
         self._refuse_second()
         job = BackgroundJob(kind, work, self._post, request, is_live)
-        self._job, self._outcomes, self._latest = job, {}, {}
-        self._moves, self._given = {}, RefinedWith.of(self._document)
+        self._job, self._moves, self._given = job, {}, self._document.state
         self._compiled_before = self._compiles.count
         job.start()
         self.show_progress()
@@ -467,7 +450,7 @@ class JobControl:
     def _pass_began(self, job: BackgroundJob, began: PassBegan) -> None:
         """Begin a take; it is of the size that may just have been found."""
         self._store.end_take(finished=False)
-        self._moves, self._given = {}, RefinedWith.of(self._document)
+        self._moves, self._given = {}, self._document.state
         start = began.segments[0]
         try:
             self._store.begin_take(began.frames, start.first, start.params, _fixed(job))
@@ -493,16 +476,11 @@ class JobControl:
 
     def _tracked(self, result: FrameResult) -> None:
         document, now = self._document, time.monotonic()
-        if self._latest.get(result.frame) is result:
-            return  # it stands as it was solved
-        self._latest[result.frame] = result
-        while len(self._latest) > _COMES_AGAIN:
-            del self._latest[next(iter(self._latest))]
         document.see_frames()
+        if not self._store.add(result):
+            return
         if self._live is not None:
             self._live.note(result)
-            self._outcomes.pop(result.frame - _COMES_AGAIN, None)
-        self._add(result)
         if self._follows_now():
             document.show(result.frame)
             self._publish(pose_snapshot(document))
@@ -511,16 +489,9 @@ class JobControl:
             self._publish(timeline_change(document))
         self.show_progress()
 
-    def _add(self, result: FrameResult) -> None:
-        try:
-            self._store.add(result)
-        finally:
-            self._outcomes[result.frame] = self._document.results.head(result.frame) or result
-
     def _refined(self, job: BackgroundJob, done: FramesRefined) -> None:
         """Lay refined frames over those that were tracked, as a take of their own."""
         document = self._document
-        is_same = self._given.run is document.run
         if not self._moves:
             frames, first = document.frames, document.first_frame
             self._store.end_take(finished=True)
@@ -528,10 +499,9 @@ class JobControl:
             self._store.begin_take(frames, first, params, _fixed(job), True, done.refinement)
         for result in done.results:
             self._moves[result.frame] = moved_mm(result, document.results.get(result.frame))
-            self._add(result)
-        if is_same:  # but for the size that was found
-            self._given = replace(self._given, run=document.run)
-        self._refined_with = replace(self._given, spans=document.state.spans)
+            self._store.add(result)
+        given = self._given
+        self._refined_with = replace(document.state, pose=given.pose, pins=given.pins)
         self._publish(timeline_change(document))
 
     def _sized(self, run: TrackingRun, is_again: bool) -> None:
@@ -544,16 +514,13 @@ class JobControl:
         self._publish(Notice("done", "Tracking again" if is_arm else "Size fitted", words))
 
     def _finish_search(self, candidates: list[FirstPoseCandidate]) -> None:
-        if not candidates:
-            self._publish(search_notice([], self._document.model.kind))
-            return
-        self.guesses.keep(candidates)
-        best = candidates[0]
-        self._document.show(best.frame)
-        snapshot = self.guesses.snapshot(is_new=True)
-        self._publish(pose_snapshot(self._document))
-        if snapshot is not None:
-            self._publish(snapshot)
+        if candidates:
+            self.guesses.keep(candidates)
+            self._document.show(candidates[0].frame)
+            snapshot = self.guesses.snapshot(is_new=True)
+            self._publish(pose_snapshot(self._document))
+            if snapshot is not None:
+                self._publish(snapshot)
         self._publish(search_notice(candidates, self._document.model.kind))
 
     def _ended(self, job: BackgroundJob, end: JobEnded) -> None:
@@ -571,50 +538,46 @@ class JobControl:
 
     def _end_words(self, job: BackgroundJob, end: JobEnded) -> Notice | None:
         """Return how a job went; None where there is nothing to say."""
-        document, live, outcomes = self._document, self._live, list(self._outcomes.values())
+        document, live, known = self._document, self._live, self._document.results
         cancelled = Notice("done", "Cancelled", "") if end.cancelled else None
         if end.problem is not None:
             title = "Not propagated" if job.kind == "carrying" else "Tracking stopped"
             return Notice.of_error(end.problem, title)
         if job.kind == "refining":
             return cancelled or Notice("done", "Refined", moved_words(self._moves))
-        if job.kind != "tracking" or (cancelled and not outcomes and live is None):
+        if job.kind != "tracking" or (cancelled and not job.done and live is None):
             return cancelled
         if live is not None and job.total == 0:
             return Notice("done", "Tracking ended", " ".join(live.count_words()))
-        one = document.results.get(job.frames.start) if len(job.frames) == 1 else None
+        one = known.get(job.frames.start) if len(job.frames) == 1 else None
         if one is not None and not cancelled:
             params = document.model.transform.solver_params(one.parameters)
             return one_frame(one, document.run.fit_of(one.frame, params)[1])
-        took = time.monotonic() - job.began - job.waited
-        text = summary(outcomes, job.total, len(job.frames) - job.total, took)
+        heads = [head for frame in job.solved if (head := known.head(frame)) is not None]
+        text = summary(heads, job.total, len(job.frames) - job.total, job.worked_s)
         title = "Cancelled" if cancelled else "Tracking finished"
         return Notice("done", title, f"{text} {moved_words(self._moves)}".rstrip())
 
-    def tick(self) -> None:
-        """Tell what is compiled while the job's first frame waits for it, or how far it is; called now and then."""
-        job = self._job
-        if job is not None and self._ticked != (job.share, not job.done and self._compiles.count):
-            self.show_progress()
-
     def show_progress(self) -> None:
-        """Say what is going on."""
+        """Say what is going on, where that is new; called now and then."""
+        now = self._progress()
+        if now != self._told:
+            self._told = now
+            self._publish(now)
+
+    def _progress(self) -> ProgressSnapshot:
         job = self._job
         if job is None:
-            self._publish(ProgressSnapshot("idle", "Ready"))
-            return
-        count = self._compiles.count
-        self._ticked = job.share, not job.done and count
+            return ProgressSnapshot("idle", "Ready")
         state = "paused" if job.paused else "tracking" if job.done else "preparing"
         quiet = not job.paused and (job.kind != "tracking" or bool(job.words))
         words, done, total = _WORDS[job.kind if quiet else state], job.done, job.total
-        if state == "preparing" and count > self._compiled_before:
+        if state == "preparing" and self._compiles.count > self._compiled_before:
             words = self._compiles.words
         if quiet and job.words:
             words = job.words[:1].upper() + job.words[1:]
             done, total = round(100 * job.share), 100
-        eta_s = job.eta_s()
-        self._publish(ProgressSnapshot(state, words, done, total, eta_s, job.kind, job.frame))
+        return ProgressSnapshot(state, words, done, total, round(job.eta_s()), job.kind, job.frame)
 
 
 def _fixed(job: BackgroundJob) -> tuple[int, ...]:
@@ -654,8 +617,7 @@ class Guesses:
 
     def keep(self, candidates: list[FirstPoseCandidate]) -> None:
         """Keep what a search found."""
-        if candidates:
-            self.results[candidates[0].frame] = candidates
+        self.results[candidates[0].frame] = candidates
 
     def snapshot(self, is_new: bool = False) -> GuessesSnapshot | None:
         """Return the list of the frame shown; None where the page has it already."""

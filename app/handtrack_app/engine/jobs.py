@@ -73,22 +73,31 @@ class BackgroundJob:
         self.frames = range(0) if request is None else request.frames
         self.total = len(self.frames) if kind == "tracking" and not is_live else 0
         """frames to be done"""
-        self.done, self.began, self.waited = 0, time.monotonic(), 0.0
-        self._held = self.began
+        self.solved: set[int] = set()
         self.frame: int | None = None
         """done last"""
         self.share, self.words, self.stage = 0.0, "", ""
-        """of a stage that counts no frames, what is done in it, and its name: `size` or `refine`"""
-        self._first_done, self._first_share = self.began, 0.0
-        self._solved: set[int] = set()
+        """of a stage, what is done in it, and its name: `size` or `refine`, or nothing where frames are counted"""
+        self._since: tuple[float, float] | None = None
+        """when the stage first told a share, and which"""
+        self._began = self._held = time.monotonic()
         self._work, self._post, self.is_live = work, post, is_live
         self._stop, self._hold = threading.Event(), threading.Event()
         self._way_until = 0.0
         self._thread = threading.Thread(target=self._work_guarded, name=kind, daemon=True)
 
     @property
+    def done(self) -> int:
+        return len(self.solved)
+
+    @property
     def paused(self) -> bool:
         return self._hold.is_set()
+
+    @property
+    def worked_s(self) -> float:
+        """Seconds since it began, but for those in which it was held."""
+        return (self._held if self.paused else time.monotonic()) - self._began
 
     def start(self) -> None:
         self._thread.start()
@@ -97,9 +106,10 @@ class BackgroundJob:
         """Hold before the next solver step, or go on."""
         if on and not self.paused:
             self._held = time.monotonic()
+            self._hold.set()
         elif self.paused and not on:
-            self.waited += time.monotonic() - self._held
-        (self._hold.set if on else self._hold.clear)()
+            self._began += time.monotonic() - self._held
+            self._hold.clear()
 
     def give_way(self) -> None:
         """Wait a moment before the next solver step; not before running cameras."""
@@ -116,11 +126,9 @@ class BackgroundJob:
 
     def eta_s(self) -> float:
         """Return the expected seconds left; 0 while unknown. What comes first, and may compile, does not count."""
-        share = self.share or (self.done / self.total if self.total else 0.0)
-        if share <= self._first_share:
-            return 0.0
-        spent = time.monotonic() - self._first_done - self.waited
-        return spent / (share - self._first_share) * (1.0 - share)
+        then, first = self._since or (0.0, self.share)
+        gained = self.share - first
+        return (self.worked_s - then) / gained * (1.0 - self.share) if gained > 0 else 0.0
 
     def should_stop(self) -> bool:
         while self._hold.is_set() or time.monotonic() < self._way_until:
@@ -134,20 +142,20 @@ class BackgroundJob:
 
     def count(self, frame: int) -> None:
         """A frame is done, perhaps again."""
-        self._solved.add(frame)
-        self.done, self.frame = len(self._solved), frame
-        if self.done == 1 and self.total:
-            self._begin_at(1 / self.total)
+        self.solved.add(frame)
+        self.frame = frame
+        if self.total:
+            self.show_progress(self.done / self.total)
 
-    def show_progress(self, share: float, words: str) -> None:
-        """Take how far the work is: the share that is done, 0 to 1, and what is done in words."""
-        if not self.share:
-            self._begin_at(share)
+    def begin_stage(self, stage: str = "") -> None:
+        """Begin another stage; the time that is left is that of a stage."""
+        self.stage, self.share, self.words, self._since = stage, 0.0, "", None
+
+    def show_progress(self, share: float, words: str = "") -> None:
+        """Take how far the stage is: the share that is done, 0 to 1, and what is done in words."""
+        if self._since is None:
+            self._since = self.worked_s, share
         self.share, self.words = share, words
-
-    def _begin_at(self, share: float) -> None:
-        """Count the time from here on."""
-        self._first_done, self._first_share, self.waited = time.monotonic(), share, 0.0
 
     def _work_guarded(self) -> None:
         problem = None
@@ -171,7 +179,7 @@ def track(
             job.report(now)
             return
         if now.stage != job.stage:
-            job.stage, job.share = now.stage, 0.0
+            job.begin_stage(now.stage)
         if now.stage == "refine":
             job.show_progress(now.share, _REFINING)
             return
@@ -181,7 +189,8 @@ def track(
 
     control = Control(job.should_stop, waits=not job.is_live)
     for event in track_session(run, request, control, progressed):
-        job.stage, job.words, job.share = "", "", 0.0
+        if job.stage:
+            job.begin_stage()
         if isinstance(event, FramesRefined):
             _report_refined(job, event)
             continue

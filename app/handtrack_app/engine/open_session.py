@@ -427,7 +427,7 @@ class OpenSession:
             if not self.document.rows.read_more(self.document):
                 self.announce(timeline_snapshot(self.document))
         else:
-            self.jobs.tick()
+            self.jobs.show_progress()
 
     def close(self) -> list[str]:
         """Keep the last edits and end what runs; return what is to be said at the end."""

@@ -377,13 +377,15 @@ class Persistence:
         what = "Refining" if is_refined else "Tracking"
         self._take = OpenTake(number, frames, first, take_frames, writer, what=what, scale=scale)
 
-    def add(self, result: FrameResult) -> None:
-        """Keep a tracked frame, whatever happens to this program; half a second later at most it is on disk."""
+    def add(self, result: FrameResult) -> bool:
+        """Keep a tracked frame, whatever happens to this program; half a second later at most it is on disk. Return whether it is new."""
         take = self._take
         if take is None:
-            return  # it could not be begun, which was reported
+            return True  # it could not be begun, which was reported
+        if take.take_frames.get(result.frame) is result:
+            return False
         if self.document.is_locked(result.frame) and result.frame not in take.take_frames:
-            return  # accepted while tracking ran
+            return True  # accepted while tracking ran
         try:
             take.keep(result)
         except HandtrackError:
@@ -394,6 +396,7 @@ class Persistence:
             if not take.is_shown:
                 take.is_shown = True
                 self._show(take)
+        return True
 
     def _show(self, take: OpenTake) -> None:
         """Lay a take over the others."""
