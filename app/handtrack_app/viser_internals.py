@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import viser
 from viser import _messages as messages
-from viser._messages import DragBinding, FileTransferPart, Message
+from viser._messages import FileTransferPart, Message
 
 if TYPE_CHECKING:
     from viser._gui_handles import GuiModalHandle
     from viser._messages import DragButton, HotkeyKey, KeyModifier
 
 __all__ = [
-    "DragBinding", "DragButton", "FileTransferPart", "GuiModalHandle", "HotkeyKey", "KeyModifier", "Message", "messages",
+    "DragButton", "FileTransferPart", "GuiModalHandle", "HotkeyKey", "KeyModifier", "Message", "messages",
 ]  # fmt: skip
 
 

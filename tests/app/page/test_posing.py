@@ -52,7 +52,7 @@ def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench, pa
     bench.stage.apply()
     pip = before.joints[session.joint_names.index("index_pip")]
     aim = pip + (0.0, -0.006, -0.012)
-    page.drag("/hand/flesh", pip, aim, "shift")
+    page.drag("/grips/free", pip, aim, "shift")
 
     def reached():
         there = _pose(bench).joints[session.joint_names.index("index_pip")]

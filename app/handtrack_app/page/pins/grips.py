@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -39,22 +39,18 @@ from handtrack_app.protocol.snapshots import (
 if TYPE_CHECKING:
     from handtrack_app.viser_internals import DragButton, KeyModifier
 
-_GRIP = "/grips/flesh"
+_GRIP, _FREE_GRIP = "/grips/flesh", "/grips/free"
+"""of who looks through a camera, and of who looks freely"""
 _POINT_M = 1e-6
 """radius of a joint among the grips: nobody meets it, but the page reads where it is (`name_holds`)"""
 _UNSEEN = 0.004  # opacity: what is not drawn at all cannot be pointed at
-Node = viser.BatchedMeshHandle | viser.MeshHandle
-Event = (
-    viser.SceneNodeDragEvent[viser.BatchedMeshHandle] | viser.SceneNodeDragEvent[viser.MeshHandle]
-)
-
-
+Event = viser.SceneNodeDragEvent[viser.BatchedMeshHandle]
 Drag = Callable[[Floats[D3]], None]
 """does what it means that the pointer is over a point, world [m]"""
 
 
 class Grips:
-    """Each page that looks through a camera has grips of its own, which follow the hand that is drawn for all."""
+    """Each page has grips of its own, unseen, which follow the hand that is drawn for all: what is drawn takes no drags."""
 
     def __init__(
         self, page: Page, card_of: Callable[[int | None], Camera | None], session: SessionSnapshot, pose: PoseSnapshot
@@ -71,12 +67,10 @@ class Grips:
         """told of a bone that was clicked"""
         self._marks = PinMarks(page)
         self._lock = threading.RLock()  # a redraw comes by any thread of viser
-        self._drawn_as: tuple[Node, ...] = ()
-        """what is drawn of the hand"""
-        self._is_offered = False
-        """whether that can be dragged"""
-        self._aside = set[int]()
-        """clients for which it does not stand before the grips"""
+        self.freely = False
+        """who looks freely can take hold, too, with Shift: a drag alone turns the view. Not while the handle is shown: whatever can be
+        dragged takes the pointer from what it hides, the handle's arrows too
+        """
 
     def fit(self, session: SessionSnapshot) -> None:
         """Take the model of a session."""
@@ -95,51 +89,22 @@ class Grips:
         self._marks.show(self._session, pose)
 
     def place(self) -> None:
-        """Stand grips where the hand is, for those who look through a camera; for nobody else."""
+        """Stand grips where the hand is, for those who can take hold of it."""
         with self._lock:
             here, pose = self._page.server.get_clients(), self._pose
-            looking = {number for number in here if self._card_of(number) is not None}
-            self._let_go([number for number in self._grips if number not in looking])
-            self._offer()
-            for number in looking ^ self._aside if self._is_offered else ():
-                self._stand_aside(number, aside=number in looking)
+            looking = {n: _GRIP for n in here if self._card_of(n) is not None}
+            wanted = (dict.fromkeys(here, _FREE_GRIP) if self.freely else {}) | looking
+            self._let_go([n for n, grip in self._grips.items() if grip.name != wanted.get(n)])
             if len(pose.centre) != len(self._session.radii):
                 return
             places = np.concatenate([pose.centre, pose.joints]).astype(np.float32)
             turns = unturned(len(places))
             turns[: len(pose.centre)] = quaternion_wxyz(pose.rotation)
-            for number in looking:
+            for number, name in wanted.items():
                 if number not in self._grips:
-                    self._grips[number] = self._add(here[number], self._session)
+                    self._grips[number] = self._add(here[number], name)
                 grip = self._grips[number]
                 grip.batched_positions, grip.batched_wxyzs = places, turns
-
-    def offer(self, nodes: Iterable[Node]) -> None:
-        """Let what is drawn of the hand be taken hold of with Shift: in a free view, too, where a drag alone turns the view.
-
-        Not while the handle is shown: whatever can be dragged takes the pointer from what it hides, the handle's arrows too.
-        """
-        self._drawn_as, self._is_offered = tuple(nodes), False
-
-    def _offer(self) -> None:
-        wanted = not self._page.state.display.handle
-        if wanted == self._is_offered:
-            return
-        self._is_offered, self._aside = wanted, set()
-        for node in self._drawn_as:
-            node.remove_drag_callback()
-            if wanted:
-                self._listen(node, "left", "shift")
-
-    def _stand_aside(self, number: int, aside: bool) -> None:
-        """Let what is drawn of the hand take no drags of one page: they would not pass through to its grips."""
-        (self._aside.add if aside else self._aside.discard)(number)
-        client = self._page.server.get_clients().get(number)
-        takes = () if aside else (internals.DragBinding("left", "shift"),)
-        if client is not None:
-            for node in self._drawn_as:
-                message = internals.messages.SetSceneNodeDragBindingsMessage(node.name, takes)
-                internals.send(client, message)
 
     def _let_go(self, numbers: list[int]) -> None:
         for number in numbers:
@@ -149,15 +114,18 @@ class Grips:
                 with suppress(RuntimeError):  # its page has gone
                     grip.remove()
 
-    def _add(self, client: viser.ClientHandle, session: SessionSnapshot) -> viser.BatchedMeshHandle:
+    def _add(self, client: viser.ClientHandle, name: str) -> viser.BatchedMeshHandle:
+        session = self._session
         joints = np.full((len(session.joint_names), 3), _POINT_M)
-        radii = np.concatenate([session.radii, joints])
         grip = add_batch(
-            client.scene, _GRIP, ball(10, 14), radii, opacity=_UNSEEN, cast_shadow=False, receive_shadow=False
+            client.scene, name, ball(10, 14), np.concatenate([session.radii, joints]), opacity=_UNSEEN, cast_shadow=False,
+            receive_shadow=False,
         )  # fmt: skip
-        name_holds(client, session, _GRIP)
-        self._listen(grip, "left")
         self._listen(grip, "left", "shift")
+        if name == _FREE_GRIP:
+            return grip
+        name_holds(client, session, name)
+        self._listen(grip, "left")
         self._listen(grip, "right")
 
         @grip.on_click
@@ -169,7 +137,9 @@ class Grips:
 
         return grip
 
-    def _listen(self, node: Node, button: DragButton, modifier: KeyModifier | None = None) -> None:
+    def _listen(
+        self, node: viser.BatchedMeshHandle, button: DragButton, modifier: KeyModifier | None = None
+    ) -> None:
         turns = button == "right" or modifier == "shift"
 
         # in order, on viser's loop: a little arithmetic, and sent on

@@ -6,7 +6,7 @@ import json
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
@@ -68,7 +68,7 @@ class Looking:
         self.views, self.close_ups = Views(page), CloseUps(page, names)
         self._screens: dict[int, Screen] = {}
         self._lock = threading.RLock()  # each page has one screen, whichever thread redraws
-        self._heard_image: viser.ImageHandle | None = None
+        self._pointed: Pointed = lambda camera, pixel, phase: None
         self.boxed: set[int] = set()
         """clients that drag a box over the picture, which stays where it is"""
         self.heard: int | None = None
@@ -141,8 +141,8 @@ class Looking:
                         receive_shadow=False, visible=False,
                     )  # fmt: skip
                     screen = self._screens[number] = Screen(hidden)
-                    self._drags_turn(client, screen.image, "left")
-                    self._drags_turn(client, screen.image, "right")
+                    self._hear_drags(client, screen.image, "left")
+                    self._hear_drags(client, screen.image, "right")
                 if screen is None:
                     continue
                 if picture != screen.picture:
@@ -154,55 +154,50 @@ class Looking:
 
     def listen(self, client: viser.ClientHandle, pointed: Pointed) -> None:
         """Tell where a page drags or clicks on the camera's image that it sees, until `hush`."""
-        screen, card = self._screens.get(client.client_id), self.card(client.client_id)
-        if screen is None or card is None:
-            return
         self.hush()
-        screen.image.remove_drag_callback()
-        self._drags_turn(client, screen.image, "right")
-
-        def report(through: Sequence[float], phase: str) -> None:
-            eye = np.asarray(client.camera.position, dtype=float)
-            at = _pixel(card, screen.depth[card.name], eye, np.asarray(through, dtype=float))
-            if at is not None:
-                pointed(card.name, at, phase)
+        screen, number = self._screens.get(client.client_id), client.client_id
+        if screen is None or self.card(number) is None:
+            return
+        self.heard, self._pointed = number, pointed
 
         # in order, on viser's loop: sent on, and nothing else
-        @screen.image.on_drag("left")
-        async def _(event: viser.SceneNodeDragEvent[viser.ImageHandle]) -> None:
-            if event.phase == "start":
-                report(event.start_position, "start")
-            report(event.end_position, "update" if event.phase == "start" else event.phase)
-
         @screen.image.on_click
         async def _(event: viser.SceneNodePointerEvent[viser.ImageHandle]) -> None:
-            through = np.asarray(event.ray_origin) + np.asarray(event.ray_direction)
-            report(tuple(through), "click")
-
-        self._heard_image, self.heard = screen.image, client.client_id
+            self._report(client, np.add(event.ray_origin, event.ray_direction), "click")
 
     def hush(self) -> None:
         """Listen no more: drags turn the view again."""
-        image, self._heard_image, heard = self._heard_image, None, self.heard
-        self.heard = None
-        client = self._page.server.get_clients().get(-1 if heard is None else heard)
-        if image is not None and client is not None:
+        screen, self.heard = self._screens.get(-1 if self.heard is None else self.heard), None
+        if screen is not None:
             with suppress(RuntimeError):  # its page has gone
-                image.remove_drag_callback()
-                image.remove_click_callback()
-                self._drags_turn(client, image, "left")
-                self._drags_turn(client, image, "right")
+                screen.image.remove_click_callback()
 
-    def _drags_turn(
+    def _report(self, client: viser.ClientHandle, through: Floats[D3], phase: str) -> None:
+        screen, card = self._screens.get(client.client_id), self.card(client.client_id)
+        if screen is not None and card is not None:
+            eye = np.asarray(client.camera.position, dtype=float)
+            at = _pixel(card, screen.depth[card.name], eye, through)
+            if at is not None:
+                self._pointed(card.name, at, phase)
+
+    def _hear_drags(
         self, client: viser.ClientHandle, image: viser.ImageHandle, button: internals.DragButton
     ) -> None:
-        """Let a drag of the picture move it under the pointer."""
+        """Let a drag of the picture move it under the pointer; or tell of it where somebody listens."""
+        number = client.client_id
 
         @image.on_drag(button)
         async def _(event: viser.SceneNodeDragEvent[viser.ImageHandle]) -> None:
-            if client.client_id in self.boxed and button == "left":
+            if button == "left" and number == self.heard:
+                begins = event.phase == "start"
+                if begins:
+                    self._report(client, np.asarray(event.start_position, float), "start")
+                phase = "update" if begins else event.phase
+                self._report(client, np.asarray(event.end_position, float), phase)
                 return
-            card = self.card(client.client_id)
+            if number in self.boxed and button == "left":
+                return
+            card = self.card(number)
             held = None if card is None else np.asarray(event.start_position) - card.centre
             pixel = None if card is None or held is None else ray_pixel(card, held)
             if pixel is not None:

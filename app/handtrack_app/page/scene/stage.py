@@ -79,7 +79,6 @@ class Stage:
         self.root = RootHandle(server, "/root", page.edit_pose, self._larger)
         self.looking = Looking(page, self.names, self.cameras.cards)
         self.grips = Grips(page, self._grasped, session, pose)
-        self.grips.offer((*self.hand.nodes, self.surface))
         self.ghosts = Ghosts(
             server,
             "/ghosts",
@@ -95,7 +94,6 @@ class Stage:
         if (before.bone_names, before.model) != (session.bone_names, session.model):
             remove_hand(self.hand)
             self.hand = add_hand(self.page.server, session)
-            self.grips.offer((*self.hand.nodes, self.surface))
         self.grips.fit(session)
         if not session.clouds.source:
             self.cloud.cloud = None
@@ -115,6 +113,7 @@ class Stage:
             self._show_handle()
             update_truth(self.hand, self.pose, display)
             self.looking.place(display.field, self.pose.middle, self._larger)
+            self.grips.freely = bool(display.mode) and not display.handle
             self.grips.place()
 
     @property
