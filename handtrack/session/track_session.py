@@ -96,13 +96,6 @@ class PassBegan:
 
 
 @array_dataclass
-class FrameTracked:
-    """A frame's result of the forward pass; to `on_progress` it goes before a search beside may change it."""
-
-    result: FrameResult
-
-
-@array_dataclass
 class FramesRefined:
     """All frames were optimised jointly; `results` (ascending) are those that it changed."""
 
@@ -110,13 +103,6 @@ class FramesRefined:
     """with the size that was found with them"""
     results: Sequence[FrameResult]
     refinement: Refinement | None
-
-
-@dataclass(frozen=True)
-class Warned:
-    """Something about the recording that the tracked frames show."""
-
-    message: str
 
 
 @array_dataclass
@@ -142,8 +128,10 @@ class Ended:
         return replace(self.run.result(self.results), refinement=text)
 
 
-Event = SizeFitted | PassBegan | FrameTracked | FramesRefined | Warned | Ended
-OnProgress = Callable[[Progress | FrameTracked], None]
+Event = SizeFitted | PassBegan | FrameResult | FramesRefined | str | Ended
+"""a frame's result is one of the forward pass; words warn of something about the recording that the tracked frames show"""
+OnProgress = Callable[[Progress | FrameResult], None]
+"""is called with a frame's result before a search beside may change it"""
 
 
 def request_for(
@@ -326,7 +314,7 @@ class _Tracking(Observer):
         self._caller.observer.search(report)
 
     def provisional(self, result: FrameResult) -> None:
-        self._on_progress(FrameTracked(result))
+        self._on_progress(result)
 
     def step(self, step: Step) -> None:
         if self._take is not None:
@@ -340,7 +328,7 @@ class _Tracking(Observer):
     def events(self) -> Iterator[Event]:
         """Yield all events."""
         request, run = self._request, self._run
-        yield from map(Warned, odd_side(run.first, run.session))
+        yield from odd_side(run.first, run.session)
         if request.fit_size and run.sizes_first and run.settings.model.fit_size == "true":
             sized = None
             self._on_progress(Progress("size", 0.0, f"fitting the {run.model.kind}'s size …"))
@@ -363,7 +351,7 @@ class _Tracking(Observer):
         if self._recorded and not self._stops() and not self._problem:
             yield from self._track_again()
         if self._recorded and self._results and not self._stops():
-            yield from map(Warned, self._warnings())
+            yield from self._warnings()
         yield self._ended()
 
     def _use(self, run: TrackingRun) -> None:
@@ -411,7 +399,7 @@ class _Tracking(Observer):
                 ):
                     if self._recorded:
                         self._results[result.frame] = result
-                    yield FrameTracked(result)
+                    yield result
                     if self._recorded and run.session.known_frames != known:
                         return  # a video has not as many frames as it announces
                 if self._stops():
@@ -462,7 +450,7 @@ class _Tracking(Observer):
             self._on_progress(Progress("size", 0.0, message))
             other = run.fit_size(self._stops, on_progress=self._report("size"), tracked=results)
             if self._stops():
-                yield Warned(f"the {run.model.kind}'s size is not fitted.")
+                yield f"the {run.model.kind}'s size is not fitted."
                 return
             yield SizeFitted(other, after_tracking=True)
         elif request.track_again and not request.fixed and not request.guides:
@@ -483,7 +471,7 @@ class _Tracking(Observer):
                 self._take.leave_pass()
             self._run, self._request, self._results, self._refined = before
             self._problem = ""
-            yield Warned("tracking again was not finished; what was tracked before is kept.")
+            yield "tracking again was not finished; what was tracked before is kept."
 
     def _warnings(self) -> Iterator[str]:
         run, results = self._ended_run, list(self._results.values())

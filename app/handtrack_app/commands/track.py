@@ -26,11 +26,9 @@ from handtrack.session.track_session import (
     Ended,
     Event,
     FramesRefined,
-    FrameTracked,
     PassBegan,
     Progress,
     SizeFitted,
-    Warned,
     request_for,
     track_session,
 )
@@ -300,9 +298,9 @@ class Progressing(Observer):
         if report.frame == self._explain:
             self.reports.append(report)
 
-    def show(self, progress: Progress | FrameTracked) -> None:
+    def show(self, progress: Progress | FrameResult) -> None:
         """Show how far a stage without frames is."""
-        if isinstance(progress, FrameTracked):
+        if isinstance(progress, FrameResult):
             return
         if progress.stage != self._stage:
             self._bars.close()
@@ -317,8 +315,8 @@ class Progressing(Observer):
         """Follow a tracking to its end; return how it ended, and its warnings."""
         warnings = list[str]()
         for event in events:
-            if isinstance(event, Warned):
-                warnings.append(event.message)
+            if isinstance(event, str):
+                warnings.append(event)
             elif isinstance(event, Ended):
                 return event, warnings
             try:
@@ -342,9 +340,9 @@ class Progressing(Observer):
                     recorder.go_on_with(event.run)
                 self._bar = self._bars.enter_context(progress_bar(len(event.frames), "tracking"))
                 self._bar.update(len(event.resumed))
-            case FrameTracked():
+            case FrameResult():
                 if recorder is not None:
-                    recorder.show(event.result)
+                    recorder.show(event)
                 self._bar.update(1)
             case FramesRefined() if recorder is not None:
                 recorder.go_on_with(event.run)

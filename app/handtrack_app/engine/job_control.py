@@ -27,12 +27,10 @@ from handtrack.session.session_state import (
 )
 from handtrack.session.track_session import (
     FramesRefined,
-    FrameTracked,
     PassBegan,
     Progress,
     SizeFitted,
     TrackingRequest,
-    Warned,
 )
 from handtrack.store.history import NOTE
 from handtrack.tracking.frame.confidence import OutlineFit, hand_words
@@ -426,7 +424,7 @@ class JobControl:
         if job is not self._job:
             return
         match event:
-            case FrameTracked(result):
+            case FrameResult() as result:
                 self._tracked(result)
             case Progress(tracked=FrameResult() as result):
                 self._tried(result)
@@ -436,7 +434,7 @@ class JobControl:
                 self._refined(job, refined)
             case SizeFitted(run, is_again):
                 self._sized(run, is_again)
-            case Warned(text):
+            case str(text):
                 self._publish(Notice.about_recording(text))
             case list():
                 self._finish_search(event)

@@ -18,12 +18,10 @@ from handtrack.session.track_session import (
     Ended,
     Event,
     FramesRefined,
-    FrameTracked,
     PassBegan,
     Progress,
     SizeFitted,
     TrackingRequest,
-    Warned,
     refine_frames,
     track_session,
 )
@@ -173,9 +171,9 @@ def track(
 ) -> None:
     """Track frames (`track_session`)."""
 
-    def progressed(now: Progress | FrameTracked) -> None:
-        if isinstance(now, FrameTracked):
-            job.count(now.result.frame)
+    def progressed(now: Progress | FrameResult) -> None:
+        if isinstance(now, FrameResult):
+            job.count(now.frame)
             job.report(now)
             return
         if now.stage != job.stage:
@@ -199,8 +197,8 @@ def track(
             run = event.run
             if not job.is_live:
                 job.total = sum(len(segment.frames) for segment in event.segments)
-        elif isinstance(event, FrameTracked) and watch is not None:
-            watch(run, event.result)
+        elif isinstance(event, FrameResult) and watch is not None:
+            watch(run, event)
         elif isinstance(event, Ended) and event.problem:
             raise HandtrackError(event.problem)
 
@@ -214,14 +212,14 @@ def refine(
 ) -> None:
     """Refine tracked frames together; where keyframes have changed since, those alone that they affect (`refine_frames`)."""
 
-    def progressed(now: Progress | FrameTracked) -> None:
+    def progressed(now: Progress | FrameResult) -> None:
         if isinstance(now, Progress):
             job.show_progress(now.share, _REFINING)
 
     result = refine_frames(run, request, tracked, Control(job.should_stop), progressed, changed)
     _report_refined(job, result)
     for words in [] if result.refinement is None else result.refinement.words:
-        job.report(Warned(words))
+        job.report(words)
 
 
 def _report_refined(job: BackgroundJob, refined: FramesRefined) -> None:
@@ -254,4 +252,4 @@ def find(job: BackgroundJob, run: TrackingRun, frame: int | None, fetch: bool) -
     if not job.should_stop():
         job.report(result)
         for words in odd_side(result[0].given, run.session) if result else ():
-            job.report(Warned(words))
+            job.report(words)
