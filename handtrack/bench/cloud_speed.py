@@ -12,7 +12,6 @@ from scipy.optimize import least_squares
 from handtrack.arrays import D3, Floats, N, P
 from handtrack.bench.dense_rows_kernels import dense_rows
 from handtrack.bench.measuring import (
-    Timing,
     alone,
     alternating_medians,
     alternating_timings,
@@ -64,7 +63,7 @@ def cloud_lm_iteration_vs_blas() -> dict[str, Any]:
 
     count, (rows, width) = solved(), (len(points), len(start))
     ours, *blas = alternating_timings([solved, *normal_equations(rows, width)], 40)
-    ours = Timing(ours.median / count, ours.least / count)
+    ours = [time / count for time in ours]
     words = f"BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian, the quicker of two layouts"
     return ratio_figures(ours, blas, words) | {"iterations": count}
 

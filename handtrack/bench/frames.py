@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from handtrack.bench.measuring import (
-    Timing,
     alone,
     alternating_timings,
     normal_equations,
@@ -52,10 +51,11 @@ def two_cores() -> dict[str, Any]:
     times: dict[str, list[float]] = {"1": [], "2": []}
     for _ in range(3):
         for threads, kept in times.items():
-            kept.append(_whole(threads=threads)["seconds"])
-    one, two = (Timing(1e3 * float(np.median(times[n])), 1e3 * min(times[n])) for n in ("1", "2"))
+            kept.append(1e3 * _whole(threads=threads)["seconds"])
     return ratio_figures(
-        two, [one], f"{FRAMES} frames of the bundled recording with HANDTRACK_THREADS=1"
+        times["2"],
+        [times["1"]],
+        f"{FRAMES} frames of the bundled recording with HANDTRACK_THREADS=1",
     )
 
 
@@ -118,12 +118,11 @@ def _frame(is_cloud: bool) -> dict[str, Any]:
         "the cloud's points" if is_cloud else "the pixels that the model covers in a middle frame"
     )
     words = f"BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian ({what_rows}), the quicker of two layouts"
-    median = float(np.median(own))
-    best = min(blas, key=lambda timing: timing.least)
+    median, reference = float(np.median(own)), float(np.median(min(blas, key=min)))
     return {
-        "ratio": median / best.median,
+        "ratio": median / reference,
         "ours_ms": median,
-        "reference_ms": best.median,
+        "reference_ms": reference,
         "ours_mean_ms": float(np.mean(own)),
         "ours_least_ms": min(own),
         "frames": len(own),

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -69,15 +68,8 @@ def alternating_medians(
     functions: list[Callable[[], Any]], rounds: int, repeat: int = 5
 ) -> list[float]:
     """Return each function's median time by the clock on the wall [ms]; see `alternating_timings`."""
-    return [t.median for t in alternating_timings(functions, rounds, repeat, time.perf_counter)]
-
-
-@dataclass(frozen=True)
-class Timing:
-    """How long something takes [ms]."""
-
-    median: float
-    least: float
+    timings = alternating_timings(functions, rounds, repeat, time.perf_counter)
+    return [float(np.median(times)) for times in timings]
 
 
 def alternating_timings(
@@ -85,8 +77,8 @@ def alternating_timings(
     rounds: int,
     repeat: int = 3,
     clock: Callable[[], float] = time.thread_time,
-) -> list[Timing]:
-    """Return how long each function takes; they take turns, so that a slow moment meets them all.
+) -> list[list[float]]:
+    """Return how long each function takes [ms], time for time; they take turns, so that a slow moment meets them all.
 
     The least of many is the nearest to a quiet machine.
 
@@ -104,19 +96,22 @@ def alternating_timings(
                 start = clock()
                 function()
                 kept.append(1e3 * (clock() - start))
-    return [Timing(float(np.median(kept)), min(kept)) for kept in times]
+    return times
 
 
-def ratio_figures(ours: Timing, references: Sequence[Timing], reference: str) -> dict[str, Any]:
+def ratio_figures(
+    ours: Sequence[float], references: Sequence[Sequence[float]], reference: str
+) -> dict[str, Any]:
     """Return a benchmark's figures: ratio and times by the least, those by the median beside; of the quickest reference."""
-    best = min(references, key=lambda timing: timing.least)
+    best = min(references, key=min)
+    median, reference_median = float(np.median(ours)), float(np.median(best))
     return {
-        "ratio": ours.least / best.least,
-        "ours_ms": ours.least,
-        "reference_ms": best.least,
-        "ratio_of_medians": ours.median / best.median,
-        "ours_median_ms": ours.median,
-        "reference_median_ms": best.median,
+        "ratio": min(ours) / min(best),
+        "ours_ms": min(ours),
+        "reference_ms": min(best),
+        "ratio_of_medians": median / reference_median,
+        "ours_median_ms": median,
+        "reference_median_ms": reference_median,
         "reference": reference,
     }
 

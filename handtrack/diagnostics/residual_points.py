@@ -49,13 +49,12 @@ def image_residuals(
     than the carried texture the image is. A piece without an edge on its normal is left out.
     """
     if isinstance(term, OutlineEdgesTerm):
-        for seen in term.observed:
-            outline = seen.outline
+        for outline, place, strength in term.observed:
             at = bones.to_world(outline.bone, outline.local)
             pixels = outline.camera.project(at)
             moved = ((pixels - outline.pixel) * outline.normal).sum(axis=1)
-            off = seen.place - moved[:, None]
-            share = seen.strength * np.exp(-0.5 * (off / term.sigma_px) ** 2)
+            off = place - moved[:, None]
+            share = strength * np.exp(-0.5 * (off / term.sigma_px) ** 2)
             nearest = off[np.arange(len(off)), share.argmax(axis=1)] / term.sigma_px
             there = (share > 0.0).any(axis=1)
             yield "edges", outline.camera, pixels[there], nearest[there]

@@ -24,11 +24,13 @@ def test_the_true_pose_overlaps_and_another_overlaps_less_at_a_higher_energy():
     seen = mask_views(HAND, true, CAMERAS)
     beside = true.copy()
     beside[0] += 0.02
-    found, worse = (score(HAND, TrackerSettings(), seen, pose) for pose in (true, beside))
-    assert set(found.overlap) == {camera.name for camera in CAMERAS}
-    assert min(found.overlap.values()) > 0.9
-    assert all(worse.overlap[name] < share - 0.05 for name, share in found.overlap.items())
-    assert worse.energy["coverage"] > 2 * found.energy["coverage"]
+    (overlap, energy), (less, more) = (
+        score(HAND, TrackerSettings(), seen, pose) for pose in (true, beside)
+    )
+    assert set(overlap) == {camera.name for camera in CAMERAS}
+    assert min(overlap.values()) > 0.9
+    assert all(less[name] < share - 0.05 for name, share in overlap.items())
+    assert more["coverage"] > 2 * energy["coverage"]
 
 
 def off(frame, part, probability, status=Status.DOUBTFUL):

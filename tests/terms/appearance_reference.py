@@ -10,14 +10,13 @@ from tests.terms.plain_rows import system_of
 def edges_system(term, bones):
     """Return the system of an OutlineEdgesTerm: rows along the normals, weighed by how likely each edge is."""
     total = None
-    for seen in term.observed:
-        outline = seen.outline
+    for outline, place, strength in term.observed:
         points = bones.to_world(outline.bone, outline.local)
         x = ((outline.camera.project(points) - outline.pixel) * outline.normal).sum(axis=1)
-        off = (x[:, None] - seen.place) / term.sigma_px
-        likely = seen.strength * np.exp(-0.5 * off**2)
+        off = (x[:, None] - place) / term.sigma_px
+        likely = strength * np.exp(-0.5 * off**2)
         here = term.clutter + likely.sum(axis=1)
-        none = term.clutter + (0 if term.from_unexplained else seen.strength.sum(axis=1))
+        none = term.clutter + (0 if term.from_unexplained else strength.sum(axis=1))
         size = term.weight * outline.length_px / term.correlation_px
         across = np.einsum("nij,ni->nj", outline.camera.project_jacobian(points), outline.normal)
         twist = motion_row(points, across, bones.reference)

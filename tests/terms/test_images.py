@@ -90,21 +90,22 @@ def edges(rng):
 
 
 def test_edges_are_where_the_picture_changes(edges):
-    _, seen = edges
-    best = seen.place[:, 0][seen.strength[:, 0] > 0]
-    length = seen.outline.length_px
-    assert length[(seen.strength > 0).any(axis=1)].sum() > 0.9 * length.sum()
+    _, (outline, place, strength) = edges
+    best = place[:, 0][strength[:, 0] > 0]
+    length = outline.length_px
+    assert length[(strength > 0).any(axis=1)].sum() > 0.9 * length.sum()
     assert abs(np.median(best)) < 0.3
     assert np.percentile(np.abs(best), 80) < 1.0
 
 
 def test_pieces_without_an_edge_tell_nothing_of_how_far_edges_are(edges):
     bones, seen = edges
-    seen.strength[5] = 0.0
+    outline, _, strength = seen
+    strength[5] = 0.0
     ((_, _, pixels, sigmas),) = image_residuals(OutlineEdgesTerm([seen], sigma_px=2.0), bones)
-    there = seen.strength.max(axis=1) > 0.0
+    there = strength.max(axis=1) > 0.0
     assert 0 < len(pixels) == there.sum() < len(there)
-    assert_allclose(pixels, seen.outline.pixel[there], atol=1e-6)
+    assert_allclose(pixels, outline.pixel[there], atol=1e-6)
     assert np.percentile(np.abs(sigmas), 80) < 0.5
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
-from handtrack.diagnostics.score import Score, score
+from handtrack.diagnostics.score import score
 from handtrack.errors import HandtrackError
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.observation.observation import Observation
@@ -294,8 +294,8 @@ class LiveScore:
     """when a pose was shown that has no score yet"""
     _frame: int | None = None
     """scored last: what was seen of it is at hand"""
-    _fitted: tuple[FrameResult, TrackingRun, Score] | None = None
-    """judged by the settings in force, as what is compared with it"""
+    _fitted: tuple[FrameResult, TrackingRun, dict[str, float], float] | None = None
+    """its overlaps and whole energy by the settings in force, as what is compared with it"""
 
     @property
     def is_due(self) -> bool:
@@ -311,22 +311,21 @@ class LiveScore:
         document, self.since = self.document, None
         self._frame = frame = document.frame
         params = document.model.params_within_limits(document.displayed)
-        now, result = self._score(frame, params), document.results.get(frame)
+        (overlap, energy), result = self._score(frame, params), document.results.get(frame)
         if result is None or len(result.parameters) != len(document.shown):
             self._fitted = None
         elif self._fitted is None or self._fitted[:2] != (result, document.run):
-            then = self._score(frame, document.model.params_within_limits(result.parameters))
-            self._fitted = result, document.run, then
-        fitted = None if self._fitted is None else self._fitted[2]
+            params = document.model.params_within_limits(result.parameters)
+            fitted, costs = self._score(frame, params)
+            self._fitted = result, document.run, fitted, sum(costs.values())
         self.publish(
             ScoreSnapshot(
-                frame, tuple(document.displayed.tolist()), now.overlap, dict(cost_parts(now.energy)),
-                None if fitted is None else fitted.overlap,
-                None if fitted is None else sum(fitted.energy.values()),
+                frame, tuple(document.displayed.tolist()), overlap, dict(cost_parts(energy)),
+                *((None, None) if self._fitted is None else self._fitted[2:]),
             )
         )  # fmt: skip
 
-    def _score(self, frame: int, params: Floats[P]) -> Score:
+    def _score(self, frame: int, params: Floats[P]) -> tuple[dict[str, float], dict[str, float]]:
         model, run = self.document.model, self.document.run
         observed = run.observation(frame, model.bones(params))
         return score(model, run.settings, observed, params)

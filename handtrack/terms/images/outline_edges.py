@@ -121,19 +121,13 @@ MOST = 4  # edges kept of a normal; more are clutter
 FAINT = 2.0  # [grey levels / px] an edge this weak is noise
 
 
-@array_dataclass
-class ObservedEdges:
-    """Up to MOST edges on the normal of each piece of outline."""
-
-    outline: OutlinePoints
-    place: Floats[N, K]
-    """(N, MOST) signed distance along the normal from the piece's own pixel [px]"""
-    strength: Floats[N, K]
-    """(N, MOST) 0 … 1; 0 where there is no edge"""
+ObservedEdges = tuple[OutlinePoints, Floats[N, K], Floats[N, K]]
+"""pieces of outline; up to MOST edges on the normal of each: signed distance along it from the piece's own pixel [px], and strength 0 … 1,
+0 where there is no edge (N, MOST)"""
 
 
 def edges_near(outline: OutlinePoints, image: SmoothImage, search_px: float) -> ObservedEdges:
-    """Return the edges within ± search_px of an outline.
+    """Return an outline with the edges within ± search_px of it.
 
     An edge is a peak of the slope g of brightness along the normal, over all channels together. Its strength
     g²/(g² + mean g² + FAINT²), the mean along the same normal, does not depend on how bright or contrasted that
@@ -144,7 +138,7 @@ def edges_near(outline: OutlinePoints, image: SmoothImage, search_px: float) -> 
     start = np.ascontiguousarray(outline.pixel - np.array(image.corner, dtype=float))
     half = max(round(search_px / STEP_PX), 1)
     search_along(image.values, start, outline.normal, half, STEP_PX, FAINT, place, strength)
-    return ObservedEdges(outline, place, strength)
+    return outline, place, strength
 
 
 @array_dataclass
@@ -178,12 +172,11 @@ class OutlineEdgesTerm(SurfaceTerm):
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         cost, spread = 0.0, (self.sigma_px, self.clutter, self.from_unexplained)
-        for seen in self.observed:
-            outline, camera = seen.outline, seen.outline.camera
+        for outline, *edges in self.observed:
+            camera = outline.camera
             weight = self.weight * outline.length_px / self.correlation_px
             local = bones.rescaled_surface(outline.bone, outline.local)
             pieces = outline.bone, local, outline.pixel, outline.normal, weight
             pinhole = camera.matrix, camera.rotation, camera.translation
-            edges = seen.place, seen.strength
-            cost += edges_sums(bones.frames, pinhole, pieces, edges, spread, sums)
+            cost += edges_sums(bones.frames, pinhole, pieces, tuple(edges), spread, sums)
         return cost
