@@ -39,7 +39,6 @@ from handtrack.session.session_state import (
     marked_frames,
 )
 from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
-from handtrack.session.sources.session_pins import SessionPins
 from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes.take_about import REFINED, files_read
 from handtrack.store.current_track import CurrentTrack, TakeFrames
@@ -160,33 +159,9 @@ def correction_of(
 # ---- What the session's state says of pins
 
 
-_SAME_PX = 0.01
-"""a file has thousandths of a pixel"""
-
-
 def pinning(pins: Mapping[int, Sequence[Pin]]) -> Edit:
     """Return the edit by which frames have these pins."""
     return decide(pins={f: FramePins(tuple(own)) if own else None for f, own in pins.items()})
-
-
-def changed_elsewhere(stood: Mapping[int, tuple[Pin, ...]], pins: SessionPins) -> list[Edit]:
-    """Return edits by which frames have the pins that the file has otherwise than the state, after which it was written.
-
-    stood: as the file has them; pins: as the state does.
-    """
-    frames = sorted({*stood, *pins.frames})
-    return [
-        pinning({frame: stood.get(frame, ())})
-        for frame in frames
-        if not _same(stood.get(frame, ()), pins.of(frame))
-    ]
-
-
-def _same(one: tuple[Pin, ...], other: tuple[Pin, ...]) -> bool:
-    return len(one) == len(other) and all(
-        a.what == b.what and float(np.abs(np.subtract(a.pixel, b.pixel)).max()) < _SAME_PX
-        for a, b in zip(one, other, strict=True)
-    )
 
 
 # ---- The document
@@ -194,14 +169,6 @@ def _same(one: tuple[Pin, ...], other: tuple[Pin, ...]) -> bool:
 
 _COMPARED = 20  # tracked frames by which cameras are compared; lost ones among them do not count
 _UNDECIDED = DecidedPose({})
-
-
-def renamed(
-    values: Floats[S], names: Sequence[str], new_names: Sequence[str], others: Floats[S]
-) -> Floats[S]:
-    """Return joint parameters of another model by name; those that are not known are `others`."""
-    known: dict[str, float] = dict(zip(names, values.tolist(), strict=True))
-    return np.array([known.get(name, other) for name, other in zip(new_names, others, strict=True)])
 
 
 @dataclass(frozen=True)
@@ -236,7 +203,8 @@ class Document:
         self.run = run
         self.frames: range = run.session.known_frames
         self.first_frame = int(first_frame)
-        self.start = run.model.joint_params(first_params)
+        self._start = run.model.named(run.model.joint_params(first_params))
+        """by name; of other models that were in force, too"""
         self.state = SessionState()
         """what was decided; only `become` changes it"""
         self.takes = TakeCache()
@@ -256,13 +224,11 @@ class Document:
         self.own_interval = run.model.limits.interval.copy()
         self._own_size = DecidedSize(run.scale, size_pending)
         self._own_arm_m = run.arm_m
-        self._own_start = (self.first_frame, self.start)
+        self._own_start = (self.first_frame, self._start)
         self.frame = self.first_frame
-        self.shown = self.start.copy()
+        self.shown = self.start
         self.before: Floats[S] | None = None
         """a pose that the frame had earlier, looked at in place of `shown` until anything else is done"""
-        self._starts: dict[tuple[str, ...], Floats[S]] = {}
-        """where other models start, by their parameters"""
         self.version = 0
         self.saved = self.settings
         """as session.toml has them"""
@@ -271,6 +237,16 @@ class Document:
     @property
     def model(self) -> ArticulatedModel:
         return self.run.model
+
+    @property
+    def start(self) -> Floats[S]:
+        """The joint parameters of the pose with which tracking begins."""
+        return self._by_name({})
+
+    def _by_name(self, known: Mapping[str, float]) -> Floats[S]:
+        """Return joint parameters of the model; those that are not known are the start's."""
+        values = {**self._start, **known}
+        return np.array([values.get(name, 0.0) for name in self.model.parameter_names])
 
     @property
     def accepted(self) -> frozenset[int]:
@@ -409,25 +385,22 @@ class Document:
 
     def _use(self, run: TrackingRun, resized: bool = False) -> None:
         """Change to another run; poses go by their names. What was made with a model comes back with it."""
-        old, new = self.model.parameter_names, run.model.parameter_names
-        untouched = np.allclose(self.shown, self.start)
+        shown, names = self.model.named(self.shown), run.model.parameter_names
+        is_same, untouched = names == (*shown,), np.allclose(self.shown, self.start)
         if run.model is not self.model:  # made anew: without the user's limits
             self.own_interval = run.model.limits.interval.copy()
-        if new != old:
-            self._starts[old] = self.start
-            back = self._starts.pop(new, np.zeros(len(new)))
-            self.start = renamed(self.start, old, new, back)
-            self.shown = renamed(self.shown, old, new, self.start)
         interval = self.own_interval.copy()
-        for name in self.state.limits.keys() & new[6:]:
-            interval[new.index(name)] = self.state.limits[name]
+        for name in self.state.limits.keys() & names[6:]:
+            interval[names.index(name)] = self.state.limits[name]
         limits = replace(run.model.limits, interval=interval)
         self.run = replace(run, model=replace(run.model, limits=limits))
+        self.shown = self._by_name(shown)
         if resized and self.run.first is not None and self.first_frame == self.run.first.frame:
-            self.start = self.model.joint_params(self.run.initial()[1])
+            start = self.model.joint_params(self.run.initial()[1])
+            self._start = {**self._start, **self.model.named(start)}
             if untouched:
-                self.shown = self.start.copy()
-        if new != old:
+                self.shown = self.start
+        if not is_same:
             self._derive_poses()
             self._lay()
             self.shown = self.pose_at(self.frame)
@@ -463,15 +436,14 @@ class Document:
 
     def posed(self, decided: DecidedPose | StartPose) -> Floats[S]:
         """Return the joint parameters of a pose."""
-        known, names = decided.parameters, self.model.parameter_names
-        return np.array([known.get(n, float(at)) for n, at in zip(names, self.start, strict=True)])
+        return self._by_name(decided.parameters)
 
     def _start_at(self, decided: StartPose | None) -> None:
         """Where the session has no first pose, a pose that was taken from a search is where tracking begins."""
+        frame, known = self._own_start
         if decided is not None:
-            self.first_frame, self.start = decided.frame, self.posed(decided)
-        elif len(self._own_start[1]) == len(self.start):
-            self.first_frame, self.start = self._own_start
+            frame, known = decided.frame, decided.parameters
+        self.first_frame, self._start = frame, {**self._start, **known}
 
     # ---- frames
 
@@ -528,17 +500,14 @@ class Document:
         return self.state.pose.get(frame, _UNDECIDED)
 
     def start_from(self, first: FirstPose) -> None:
-        """Make the pose shown the one that tracking starts from; `first` is what was saved of it."""
-        self.first_frame, self.start = self.frame, self.shown.copy()
+        """Let tracking start from a pose."""
+        self.first_frame, self._start = first.frame, {**self._start, **first.parameters}
         self.run = replace(self.run, first=first)
 
     def begin_at(self, frame: int) -> None:
         """Where the session has no first pose, take the one that was set or found at a frame; nothing is written."""
         if self.run.first is None and (frame in self.by_hand or frame in self.results):
-            values = self.pose_at(frame)
-            known = self.model.named(values)
-            self.first_frame, self.start = frame, values.copy()
-            self.run = replace(self.run, first=FirstPose(frame, known))
+            self.start_from(FirstPose(frame, self.model.named(self.pose_at(frame))))
 
     def start_pose(self, frame: int, anew: bool = False) -> Floats[S] | None:
         """Return the pose that tracking from a frame starts with.

@@ -48,7 +48,7 @@ from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.document import Document, TakeCache, changed_elsewhere, correction_of
+from handtrack_app.engine.document import Document, TakeCache, correction_of, pinning
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.snapshots import Download, Notice
 
@@ -440,18 +440,23 @@ class Persistence:
         if document.run.session.live is not None:
             return ""
         document.takes = TakeCache(self.folder / TRACKS_FOLDER, self._warn)
-        session = document.run.session
-        pins = {frame: session.pins.of(frame) for frame in session.pins.frames}
+        pins = document.run.session.pins
+        in_file, pinned = pins.text, {frame: pins.of(frame) for frame in pins.frames}
         state = readable(self.history.state, self._pass_over)
         is_known = bool(self.history.state)
         self._become(state)
         self._take_files()
-        for edit in (*self._corrected_elsewhere(), *changed_elsewhere(pins, session.pins)):
+        changed, pins = [*self._corrected_elsewhere()], document.run.session.pins
+        if pins.text != in_file:  # it was changed after the state was written
+            changed.append(
+                pinning({frame: pinned.get(frame, ()) for frame in {*pinned, *pins.frames}})
+            )
+        for edit in changed:
             self.do("As the session's files have it", edit, kind=NOTE)
         self._take_model_of_track()
         self._take_size_of_track()
         disk = self.store or Store(self.folder / TRACKS_FOLDER)
-        for text in foreign_takes(disk, session, document.files_read()):
+        for text in foreign_takes(disk, document.run.session, document.files_read()):
             self._warn(text)
         return restored_message(document) if is_known else ""
 
