@@ -128,14 +128,14 @@ def outline_polygons(camera: Camera, ellipsoids: Ellipsoids) -> list[Floats[N, D
 
 
 def outline_picture(
-    image: Bytes[H, W, D3], camera: Camera, ellipsoids: Ellipsoids
+    image: Bytes[H, W, D3], camera: Camera, ellipsoids: Ellipsoids, width: int = 1
 ) -> Bytes[H, W, D3]:
-    """Return the picture RGB with the model's outline drawn over it."""
+    """Return the picture RGB with the model's outline drawn over it. width: of the line [px]."""
     picture = np.ascontiguousarray(image).copy()
     lines = [
         np.rint(line).astype(np.int32)[:, None] for line in outline_polygons(camera, ellipsoids)
     ]
-    cv2.polylines(picture, lines, True, OUTLINE, 1, cv2.LINE_AA)
+    cv2.polylines(picture, lines, True, OUTLINE, width, cv2.LINE_AA)
     return picture
 
 

@@ -50,7 +50,7 @@ def masks_picture(
 
     What cannot be made of a camera is told, and the others are shown. On the render thread only.
     """
-    maker.see(session)
+    maker.session = session
     small: dict[str, Bytes] = {}
     screens: dict[tuple[str, str], Bytes] = {}
     corrected: dict[str, str] = {}

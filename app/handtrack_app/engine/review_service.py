@@ -120,8 +120,8 @@ def close_pictures(
     results: Iterable[FrameResult],
 ) -> CloseSnapshot:
     """Return small pictures of tracked frames: of the camera that a low confidence names, else of the first. On the render thread only."""
-    maker.see(session)
-    names, aside = session.rig.names, model.skeleton.bone("forearm") if model.has_forearm else None
+    maker.session = session
+    names, aside = session.rig.names, model.skeleton.bone("forearm") if model.has_forearm else -1
     pictures = {}
     for result in results:
         camera = "" if result.reason is None else result.reason.camera

@@ -14,12 +14,10 @@ from handtrack.capture.clouds.disparity import REJECTED
 from handtrack.capture.clouds.rectification import RectifiedPair
 from handtrack.capture.clouds.stereo import StereoView
 from handtrack.diagnostics.residual_image import (
-    OUTLINE,
     field_picture,
     joint_pairs,
     joints_picture,
     outline_picture,
-    outline_polygons,
     residual_picture,
 )
 from handtrack.geometry.camera import Camera
@@ -55,31 +53,26 @@ class CameraPictures:
     """Makes pictures of a session's cameras; keeps the last ones, for posing redraws the same frame."""
 
     def __init__(self, session: Session) -> None:
-        self._session = session
-        self._maps: dict[str, Sequence[Array]] = {}
-        self._plain = LRUCache[tuple[str, int], Bytes]()
-
-    def see(self, session: Session) -> None:
-        """Take the session as it is now; pictures by another calibration are forgotten."""
-        if session.rig is not self._session.rig:
-            self._maps.clear()
-            self._plain.clear()
-        self._session = session
+        self.session = session
+        """as it is now"""
+        self._maps: dict[Camera, Sequence[Array]] = {}
+        self._plain = LRUCache[tuple[Camera, int], Bytes]()
 
     def camera(self, name: str) -> Camera:
-        return self._session.rig[name]
+        return self.session.rig[name]
 
     def plain(self, name: str, frame: int) -> Bytes[H, W, D3]:
         """Return a camera's undistorted picture RGB; its silhouette where it has no images."""
-        return self._plain.value((name, frame), lambda: self._read(name, frame), lambda _: _KEPT)
+        key = self.camera(name), frame
+        return self._plain.value(key, lambda: self._read(name, frame), lambda _: _KEPT)
 
     def straight(self, name: str, image: Array[H, W, *Axes]) -> Bytes[H, W, *Axes]:
         """Return a camera's image, or a layer over it, without the lens's distortion."""
         camera = self.camera(name)
         if not camera.is_distorted:
             return image  # type: ignore[return-value]
-        if name not in self._maps:
-            self._maps[name] = cv2.initUndistortRectifyMap(
+        if camera not in self._maps:
+            self._maps[camera] = cv2.initUndistortRectifyMap(
                 camera.matrix,
                 camera.distortions,
                 np.eye(3),
@@ -88,7 +81,7 @@ class CameraPictures:
                 cv2.CV_16SC2,
             )
         kind = cv2.INTER_LINEAR if image.ndim > 2 else cv2.INTER_NEAREST
-        return cv2.remap(image, *self._maps[name], kind)  # type: ignore[return-value]
+        return cv2.remap(image, *self._maps[camera], kind)  # type: ignore[return-value]
 
     def thumbnail(
         self, name: str, frame: int, paint: str, ellipsoids: Ellipsoids
@@ -105,7 +98,7 @@ class CameraPictures:
         paint: str,
         ellipsoids: Ellipsoids,
         silhouette: Silhouette | None,
-        aside: int | None = None,
+        aside: int = -1,
     ) -> Bytes[H, W, D3]:
         """Return the large picture with the model painted over it.
 
@@ -121,7 +114,7 @@ class CameraPictures:
         return _painted(image, camera, paint, ellipsoids)
 
     def _read(self, name: str, frame: int) -> Bytes:
-        view = self._session.view(name)
+        view = self.session.view(name)
         bgr = view.image(frame)
         if bgr is not None:
             return self.straight(name, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))  # type: ignore[return-value]
@@ -153,45 +146,34 @@ _THICK = 2  # [px] of the outline
 
 
 def close_up(
-    image: Bytes[H, W, D3], camera: Camera, ellipsoids: Ellipsoids, aside: int | None = None
+    image: Bytes[H, W, D3], camera: Camera, ellipsoids: Ellipsoids, aside: int = -1
 ) -> Bytes[H, W, D3]:
     """Return the part of an undistorted image RGB that shows a model with its outline, `CLOSE_SIZE` large; all of it where none is before the camera.
 
     aside: a bone that may be cut off, a hand's forearm.
     """
-    factor, left, top = _part(camera, ellipsoids, aside)
-    shift = np.array([[factor, 0, -factor * left], [0, factor, -factor * top]])
-    way = cv2.INTER_CUBIC if factor > 1 else cv2.INTER_AREA
-    close = cv2.warpAffine(image, shift, CLOSE_SIZE, flags=way, borderValue=(26, 26, 26))
-    picture = np.ascontiguousarray(close, np.uint8)
-    matrix = camera.matrix.copy()
-    matrix[0, 0], matrix[1, 1] = factor * matrix[0, 0], factor * matrix[1, 1]
-    matrix[:2, 2] = factor * (matrix[:2, 2] - (left, top))
-    near = replace(camera.without_distortion(), size=CLOSE_SIZE, matrix=matrix)
-    lines = [np.rint(line).astype(np.int32)[:, None] for line in outline_polygons(near, ellipsoids)]
-    cv2.polylines(picture, lines, True, OUTLINE, _THICK, cv2.LINE_AA)
-    return picture
+    part = _part(camera, ellipsoids, aside)
+    way = cv2.INTER_CUBIC if part[0, 0] > 1 else cv2.INTER_AREA
+    close = cv2.warpAffine(image, part[:2], CLOSE_SIZE, flags=way, borderValue=(26, 26, 26))
+    near = replace(camera.without_distortion(), size=CLOSE_SIZE, matrix=part @ camera.matrix)
+    return outline_picture(np.asarray(close, np.uint8), near, ellipsoids, _THICK)
 
 
-def _part(camera: Camera, ellipsoids: Ellipsoids, aside: int | None) -> tuple[float, float, float]:
-    """Return the enlargement, and the column and row [px] of the part's upper left pixel."""
-    observed = ellipsoids.centre @ camera.rotation.T + camera.translation
-    reach = ellipsoids.radii.max(axis=1)
-    ahead = (observed[:, 2] > reach) & (ellipsoids.bone != (-1 if aside is None else aside))
-    wide, high = camera.size
-    low, high_corner = np.zeros(2), np.array([wide, high], float)
+def _part(camera: Camera, ellipsoids: Ellipsoids, aside: int) -> Floats[D3, D3]:
+    """Return what brings the image's pixels to those of the part."""
+    reach, depth = ellipsoids.radii.max(axis=1), camera.to_camera(ellipsoids.centre)[:, 2]
+    ahead = (depth > reach) & (ellipsoids.bone != aside)
+    size, whole, air = np.array(CLOSE_SIZE), np.array(camera.size), 1.0
+    low, high = np.zeros(2), whole
     if ahead.any():
-        depth = observed[ahead, 2:]
-        pixels = (observed[ahead] / depth) @ camera.matrix[:2].T
-        around = reach[ahead, None] / depth * np.diag(camera.matrix)[:2]
-        low, high_corner = (pixels - around).min(axis=0), (pixels + around).max(axis=0)
-    size = np.maximum(high_corner - low, 1.0)
-    least = min(CLOSE_SIZE[0] / wide, CLOSE_SIZE[1] / high)
-    factor = min(CLOSE_SIZE[0] / size[0], CLOSE_SIZE[1] / size[1]) / (_AIR if ahead.any() else 1.0)
-    factor = float(np.clip(factor, least, _MOST * least))
-    middle = np.clip((low + high_corner) / 2, 0, (wide, high))
-    left, top = middle - np.array(CLOSE_SIZE) / 2 / factor
-    return factor, float(left), float(top)
+        pixels = camera.without_distortion().project(ellipsoids.centre[ahead])
+        around = (reach / depth)[ahead, None] * np.diag(camera.matrix)[:2]
+        low, high, air = (pixels - around).min(axis=0), (pixels + around).max(axis=0), _AIR
+    least = (size / whole).min()
+    wanted = (size / np.maximum(high - low, 1.0)).min() / air
+    factor = np.clip(wanted, least, _MOST * least)
+    corner = np.clip((low + high) / 2, 0, whole) - size / 2 / factor
+    return np.array([[factor, 0, -factor * corner[0]], [0, factor, -factor * corner[1]], [0, 0, 1]])
 
 
 # ---- Pictures of clouds: camera images with each point in its filter's colour, and how a pair was matched
@@ -382,11 +364,11 @@ class Painter:
         """Yield the large pictures, and all of them at last; None in between, where painting may end."""
         document, maker = self._document, self._maker
         session, frame = document.run.session, document.frame
-        maker.see(session)
+        maker.session = session
         bones = document.model.bones_within_limits(document.displayed)
         ellipsoids = document.model.ellipsoids["fine"].posed(bones)
         skeleton = document.model.skeleton
-        aside = skeleton.bone("forearm") if document.model.has_forearm else None
+        aside = skeleton.bone("forearm") if document.model.has_forearm else -1
         large = {}
         for camera, paint in self._screens:
             if camera not in session.rig.names or paint == "mask":

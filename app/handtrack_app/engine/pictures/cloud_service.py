@@ -125,7 +125,7 @@ class CloudRenderer:
             return None
         measured = measured or EMPTY
         names = tuple(report.name for report in reports)
-        self._pictures.see(moment.run.session)
+        self._pictures.session = moment.run.session
         return _picture(moment, {
             name: points_picture(
                 self._pictures.plain(name, moment.frame), moment.run.session.rig[name].without_distortion(), measured.points, fate,
