@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,42 +29,11 @@ from handtrack.session.session import Session
 from handtrack.session.session_file import BODY_TRACKING, is_definition
 from handtrack_app.commands.new_session.recordings import (
     GivenSubject,
+    NewOptions,
     joint_regions,
     subject_in_views,
 )
 from handtrack_app.commands.terminal.output import can_ask, confirmed, print_status, question
-
-
-@dataclass(frozen=True)
-class NewOptions:
-    """Options of `handtrack new`."""
-
-    out: Path
-    folder: str | None
-    project: Path | None
-    calibration: list[Path]
-    video: Mapping[str, str]
-    images: Mapping[str, str]
-    depth: Mapping[str, str]
-    depth_scale: float | None
-    keypoints: Mapping[str, str]
-    layout: str | None
-    person: int | None
-    model: str | None
-    truth: Path | None
-    name: str
-    side: str | None
-    detector: Path | None
-    track: bool
-    fps: float | None
-    world_unit_m: float | None
-    names: Path | None
-    lens: str | None
-    link: bool
-    yes: bool
-    scaled: bool
-    masks: str | None
-    json: bool
 
 
 def given_rig(
@@ -216,16 +185,17 @@ USUAL = "right"
 _SURE = 0.9  # below, somebody is asked
 
 
-def check_detector(weights: Path | None, wanted: bool, yes: bool) -> str:
+def check_detector(options: NewOptions, wanted: bool) -> str:
     """Return what is missing for the hand to be found in images, in a sentence, or nothing. Raises HandtrackError for a file
     that was named and cannot be used. wanted: it will be looked for, so that a detector is fetched if that is agreed to.
     """
     from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights, has_weights
     from handtrack.session.detection import HandDetector
 
+    weights = options.detector
     offer = f"The hand detector is not installed. Fetch it now, {DOWNLOAD_MB} MB by pip?"
     try:
-        if wanted and weights is None and not has_weights() and (yes or confirmed(offer)):
+        if wanted and weights is None and not has_weights() and (options.yes or confirmed(offer)):
             print_status(f"fetching the hand detector, {DOWNLOAD_MB} MB …")
             fetch_weights()
         HandDetector.open(weights)
@@ -236,7 +206,7 @@ def check_detector(weights: Path | None, wanted: bool, yes: bool) -> str:
     return ""
 
 
-def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
+def side_of_hand(session: Session, options: NewOptions) -> str:
     """Return the side that the images show, with how sure that is said; asked where it is not sure, `right` where nobody knows.
 
     Weights must be there.
@@ -244,7 +214,7 @@ def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
     from handtrack.session.detection import HandDetector, observed_side
 
     print_status("looking which hand it is …")
-    side, confidence, count, looks = observed_side(session, HandDetector.open(weights))
+    side, confidence, count, looks = observed_side(session, HandDetector.open(options.detector))
     observed = f"a hand is detected in {count} of {looks} images"
     if not count:
         print_status(
@@ -252,7 +222,7 @@ def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
         )
         return USUAL
     percent = f"{100 * confidence:.0f} % sure"
-    if confidence >= _SURE or yes or not can_ask():
+    if confidence >= _SURE or options.yes or not can_ask():
         warning = "" if confidence >= _SURE else " The confidence is low: give --side."
         print_status(f"side: {side}, {percent} ({observed}).{warning}")
         return side

@@ -33,7 +33,6 @@ from handtrack_app.cli import main
 from handtrack_app.commands.new_session.given import (
     USUAL,
     USUAL_MODELS,
-    NewOptions,
     check_detector,
     definition_of,
     given_rig,
@@ -44,13 +43,13 @@ from handtrack_app.commands.new_session.given import (
 from handtrack_app.commands.new_session.recordings import (
     CameraJoints,
     Given,
+    NewOptions,
     Recorded,
     check_sizes,
     copied,
     given_subject,
     in_views,
     linked_setting,
-    names_of_table,
     recorded_cameras,
     settings_of,
     table_to_fill_in,
@@ -67,7 +66,7 @@ _WITHOUT_JOINTS = "skin_ycrcb"
 def make_session(options: NewOptions) -> int:
     """Make the folder; whatever is wrong is found before anything is written."""
     options, project = with_project(options)
-    recorded = recorded_cameras(options.video, options.images, options.depth, options.keypoints)
+    recorded = recorded_cameras(options)
     _check_depth(recorded, options.depth_scale)
     check_new(options.out)
     definition = kind = None
@@ -75,17 +74,8 @@ def make_session(options: NewOptions) -> int:
         definition = definition_of(options.model)
         kind = BODY if load_model(options.model).kind == "body" else HAND
     try:
-        names = {} if options.names is None else names_of_table(options.names)
         likely = None if project is None else project.layout
-        subject = given_subject(
-            recorded,
-            kind,
-            names,
-            likely,
-            side=options.side,
-            layout=options.layout,
-            person=options.person,
-        )
+        subject = given_subject(options, recorded, kind, likely)
     except UnknownPoints as error:
         table = options.out.resolve().with_name(f"{options.out.resolve().name}-names.toml")
         if options.names is None and not table.exists():
@@ -105,7 +95,7 @@ def make_session(options: NewOptions) -> int:
     rig, padded = without_padding(rig, recorded)
     _check_cameras(recorded, rig, options)
     fps, own = _frame_rates(options.fps, recorded)
-    missing = check_detector(options.detector, options.track and bool(observed), options.yes)
+    missing = check_detector(options, options.track and bool(observed))
     scaled = {name: size for name, size in sizes.items() if size != rig[name].size}
     if options.masks == Seeded.name and options.track and observed and missing:
         raise HandtrackError(
@@ -176,7 +166,7 @@ def make_session(options: NewOptions) -> int:
         for text in session.warnings:
             print_status(f"note: {text}")
         if said is None and observed and not joints and not missing:
-            result = side_of_hand(session, options.detector, options.yes)
+            result = side_of_hand(session, options)
             file = replace(file, hand=replace(hand, side=result))
         if options.masks is None and is_hand:
             file = _with_masks_by_joints(file, session, joints)

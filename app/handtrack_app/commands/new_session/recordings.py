@@ -38,6 +38,38 @@ _IMAGES, _VIDEO, _DEPTH = "--images", "--video", "--depth"
 
 
 @dataclass(frozen=True)
+class NewOptions:
+    """Options of `handtrack new`."""
+
+    out: Path
+    folder: str | None
+    project: Path | None
+    calibration: list[Path]
+    video: Mapping[str, str]
+    images: Mapping[str, str]
+    depth: Mapping[str, str]
+    depth_scale: float | None
+    keypoints: Mapping[str, str]
+    layout: str | None
+    person: int | None
+    model: str | None
+    truth: Path | None
+    name: str
+    side: str | None
+    detector: Path | None
+    track: bool
+    fps: float | None
+    world_unit_m: float | None
+    names: Path | None
+    lens: str | None
+    link: bool
+    yes: bool
+    scaled: bool
+    masks: str | None
+    json: bool
+
+
+@dataclass(frozen=True)
 class Given:
     """One option of one camera: a file, or the files of a pattern."""
 
@@ -71,16 +103,11 @@ class Recorded:
         return next((given.size for given in (self.images, self.depth) if given is not None), None)
 
 
-def recorded_cameras(
-    videos: Mapping[str, str],
-    images: Mapping[str, str],
-    depth: Mapping[str, str],
-    keypoints: Mapping[str, str],
-) -> dict[str, Recorded]:
+def recorded_cameras(options: NewOptions) -> dict[str, Recorded]:
     """Return what is given by camera, in the order of the options: each a file or a pattern. Raises HandtrackError."""
     cameras: dict[str, Recorded] = {}
     taken: dict[Path, str] = {}
-    for option, files in ((_VIDEO, videos), (_IMAGES, images)):
+    for option, files in ((_VIDEO, options.video), (_IMAGES, options.images)):
         for camera, text in files.items():
             where, place = f"{option} {camera}={text}", Path(text).resolve()
             if camera in cameras:
@@ -91,11 +118,11 @@ def recorded_cameras(
                 )
             taken[place] = camera
             cameras[camera] = Recorded(camera, _opened(option, text, where))
-    for camera, text in depth.items():
+    for camera, text in options.depth.items():
         observed = cameras.get(camera, Recorded(camera))
         given = _opened(_DEPTH, text, f"{_DEPTH} {camera}={text}")
         cameras[camera] = replace(observed, depth=given)
-    for camera, file in keypoints.items():
+    for camera, file in options.keypoints.items():
         observed = cameras.get(camera, Recorded(camera))
         cameras[camera] = replace(observed, keypoints=file)
     if not cameras:
@@ -341,20 +368,14 @@ def _in_view(points: Floats[N, D3], view: LensView) -> Floats[N, D3]:
 
 
 def given_subject(
-    recorded: Mapping[str, Recorded],
-    kind: Subject | None,
-    names: Mapping[str, str],
-    likely: str | None,
-    *,
-    side: str | None,
-    layout: str | None,
-    person: int | None,
+    options: NewOptions, recorded: Mapping[str, Recorded], kind: Subject | None, likely: str | None
 ) -> GivenSubject:
     """Return what is tracked, with its joints by camera. Raises HandtrackError where that is open, or cameras differ in it.
 
-    kind: of the model that was named. names: our joints of a file's own points. likely: the layout that a project's settings say;
-    it decides what joints leave open. side, layout, person: that the user said.
+    kind: of the model that was named. likely: the layout that a project's settings say; it decides what joints leave open.
     """
+    layout = options.layout
+    names = {} if options.names is None else names_of_table(options.names)
     if layout is not None and layout not in LAYOUTS:
         raise unknown_name("layout of joints", layout, tuple(LAYOUTS), "--layout")
     given = {
@@ -363,12 +384,12 @@ def given_subject(
         if cam.keypoints is not None
     }
     read = {n: (w, read_joints(text, w, names, n)) for n, (w, text) in given.items()}
-    kind = kind or _kind(read, side, layout, person)
-    _check_wished(kind, read, layout, person)
+    kind = kind or _kind(read, options)
+    _check_wished(kind, read, options)
     results = {
-        name: _person(one, where, likely, layout, person)
+        name: _person(one, where, likely, options)
         if kind is BODY
-        else _hand(one, where, side)
+        else _hand(one, where, options.side)
         for name, (where, one) in read.items()
     }
     sides = {joints.side: joints for joints in results.values() if joints.side}
@@ -404,18 +425,13 @@ def table_to_fill_in(points: Sequence[str]) -> str:
     return "\n".join([*lines, *(f'{joint} = ""' for joint in JOINTS)]) + "\n"
 
 
-def _kind(
-    read: Mapping[str, tuple[str, ImportedJoints]],
-    side: str | None,
-    layout: str | None,
-    person: int | None,
-) -> Subject:
+def _kind(read: Mapping[str, tuple[str, ImportedJoints]], options: NewOptions) -> Subject:
     """Return whether a hand or a body is tracked: as the user says, else what the files have alone."""
-    if layout is not None:
-        return BODY if is_body(LAYOUTS[layout]) else HAND
-    if side is not None:
+    if options.layout is not None:
+        return BODY if is_body(LAYOUTS[options.layout]) else HAND
+    if options.side is not None:
         return HAND
-    if person is not None:
+    if options.person is not None:
         return BODY
     by_kind = {
         HAND: [where for where, one in read.values() if one.has_hand or one.bodies is None],
@@ -431,10 +447,9 @@ def _kind(
     return BODY if by_kind[BODY] else HAND
 
 
-def _check_wished(
-    kind: Subject, read: Mapping[str, object], layout: str | None, person: int | None
-) -> None:
+def _check_wished(kind: Subject, read: Mapping[str, object], options: NewOptions) -> None:
     """Raise HandtrackError for words that do not belong to what is tracked, or to joints that are not given."""
+    layout, person = options.layout, options.person
     for option, value in (("--layout", layout), ("--person", person)):
         if value is not None and not read:
             raise HandtrackError(f"{option} {value} needs --keypoints, which are not given.")
@@ -452,12 +467,12 @@ def _hand(given: ImportedJoints, where: str, side: str | None) -> CameraJoints:
 
 
 def _person(
-    given: ImportedJoints, where: str, likely: str | None, layout: str | None, person: int | None
+    given: ImportedJoints, where: str, likely: str | None, options: NewOptions
 ) -> CameraJoints:
     bodies = given.bodies
     if bodies is None:
         raise HandtrackError(f"{where}: no body in any frame.")
-    layout = layout_of(bodies, layout, where, likely)
+    layout, person = layout_of(bodies, options.layout, where, likely), options.person
     everybody = people(bodies.frames)
     number = person or 1
     if number > len(everybody):
