@@ -102,4 +102,5 @@ def moving_limits(limits: Limits, transform: ParameterTransform) -> MovingLimits
     end[which] = limits.narrow_at / transform.matrix[other, lead[other]]
     ratio = transform.matrix[joint, leader][:, None]
     first, last = (np.sort(ends[joint] / ratio, axis=1) for ends in (first, last))
+    leader = leader.copy()  # as `fixed` has it: compiled once
     return MovingLimits(leader, first, by[joint], begin[joint], end[joint], last)

@@ -1,14 +1,17 @@
-"""Frames of every kind, small and simulated: whoever tracks them has all of tracking compiled."""
+"""Frames of every kind, small and simulated: whoever tracks and refines them has all of tracking compiled."""
 
 from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 
 from handtrack.arrays import Floats
 from handtrack.capture.clouds.depth import depth_cloud
+from handtrack.geometry.rotation import spread_rotations
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import thread_count
@@ -16,13 +19,16 @@ from handtrack.simulation.render import render
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.state import TrackerState
+from handtrack.tracking.search.global_search import GlobalObjective
+from handtrack.tracking.search.scores.hand_shapes import shape_of
+from handtrack.tracking.sequence import track_recording
+from handtrack.tracking.size.person import Subject
 from handtrack.tracking.tracker import Tracker
 
 # the settings that each kind is tracked with, the longest to compile first
 KINDS: dict[str, dict[str, object]] = {
     "silhouettes": {},
-    "several hypotheses": {"tracker.hypotheses": 2},
+    "several hypotheses": {"tracker.hypotheses": 2, "tracker.estimate": "forward"},
     "a point cloud": {"silhouettes.weight": 0.0},
     "joints in images": {},
 }
@@ -41,12 +47,20 @@ def warm_up() -> Iterator[str]:
 
 
 def track_small_frame(kind: str) -> str:
-    """Track a simulated frame of one of KINDS, and return it."""
+    """Track a simulated frame of one of KINDS three times, refine the three, and score a pose as searches do; return the kind."""
     model = load_model()
     pose = model.rest_params()
     pose[1] -= 0.09
-    tracker = Tracker(model, TrackerSettings().with_values(KINDS[kind]))
-    tracker.step(TrackerState.beginning_at(pose), _observation(kind, model, pose))
+    settings, seen = TrackerSettings().with_values(KINDS[kind]), _observation(kind, model, pose)
+    tracker = Tracker(model, settings, subject=Subject(lambda size: load_model(scale=size)))
+
+    def observe(frame: int, _: BonePoses | None = None) -> Observation:
+        return replace(seen, frame=frame, time_s=frame / 30.0)
+
+    list(track_recording(tracker, observe, 0, pose, range(3)))
+    if objective := GlobalObjective.of(seen, settings):
+        (source, *_), turns = objective.sources, spread_rotations(1)
+        source.scores(shape_of(model, pose, "open"), turns, source.places[:1])
     return kind
 
 

@@ -143,7 +143,7 @@ def _targets(observed: Observed) -> tuple[Floats, Floats]:
     if isinstance(observed, Keypoints):
         return observed.positions, np.full(len(observed.positions), observed.sigma_m)
     sigma = PIN_SIGMA_PX if isinstance(observed, ImagePins) else observed.sigma_px
-    return observed.pixels, np.broadcast_to(sigma, len(observed.pixels))
+    return observed.pixels, np.full(len(observed.pixels), sigma)
 
 
 def _are_known(targets: Floats) -> Array[K]:
