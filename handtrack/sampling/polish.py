@@ -17,8 +17,8 @@ from handtrack.terms.term import ParameterTerm
 
 
 @array_dataclass
-class Minima:
-    """Where N starts ended."""
+class Polished:
+    """Where N polished starts ended, and whether in minima indeed."""
 
     params: Floats[N, P]
     """solver parameters, within limits"""
@@ -26,11 +26,6 @@ class Minima:
     """infinite where a start led nowhere, as one behind a camera does"""
     normal: Floats[N, P, P]
     """Gauss-Newton matrix and priors; its inverse is the covariance"""
-
-
-@array_dataclass
-class Polished(Minima):
-    """Where polished starts ended, and whether in minima indeed."""
 
     has_converged: Array[N]
     """gradient below the tolerance"""

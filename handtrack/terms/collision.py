@@ -52,7 +52,7 @@ class CollisionTerm(SurfaceTerm):
     slack_m: float = 0.01
     """flesh gives way by this much before it counts"""
     weight: float = 1.0
-    name: str = "collision"
+    name = "collision"
 
     def __post_init__(self) -> None:
         check_shape(self.pairs, (None, 2), f"{self.name}: pairs of ellipsoids")

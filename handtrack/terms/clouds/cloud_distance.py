@@ -74,7 +74,7 @@ class CloudDistanceTerm(SurfaceTerm):
     """how far a point is from the surface it was measured on"""
     loss: Loss = quadratic()
     weight: float = 1.0
-    name: str = "cloud_distance"
+    name = "cloud_distance"
 
     def __post_init__(self) -> None:
         check_noise(self.name, self.sigma_m)

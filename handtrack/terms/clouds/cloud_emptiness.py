@@ -38,7 +38,7 @@ class CloudEmptinessTerm(SurfaceTerm):
     """a cloud point this near is near enough: a filtered cloud's points are 2.5 mm apart"""
     loss: Loss = quadratic()
     weight: float = 1.0
-    name: str = "cloud_emptiness"
+    name = "cloud_emptiness"
 
     def __post_init__(self) -> None:
         check_shape(self.local, (len(self.bone), 3), f"{self.name}: model points")

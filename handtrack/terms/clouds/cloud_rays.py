@@ -39,7 +39,7 @@ class CloudRaysTerm(SurfaceTerm):
     along_m: float = 0.004
     """how far a point's depth is from the surface, where it is not wrong altogether"""
     weight: float = 1.0
-    name: str = "cloud_rays"
+    name = "cloud_rays"
 
     def __post_init__(self) -> None:
         check_shape(self.points, (None, 3), f"{self.name}: points")

@@ -103,7 +103,7 @@ class CarriedTextureTerm(SurfaceTerm):
     weight: float = 1.0
     from_unexplained: bool = False
     """count from the most that a point costs, so that a pose that shows less of the surface does not seem better"""
-    name: str = "intensity"
+    name = "intensity"
 
     def __post_init__(self) -> None:
         if not self.sigma > 0:

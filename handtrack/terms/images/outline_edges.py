@@ -161,7 +161,7 @@ class OutlineEdgesTerm(SurfaceTerm):
     weight: float = 1.0
     from_unexplained: bool = False
     """count from what a piece without an edge costs, so that a pose that shows less outline does not seem better"""
-    name: str = "edges"
+    name = "edges"
 
     def __post_init__(self) -> None:
         if not (self.sigma_px > 0 and self.correlation_px > 0 and self.clutter > 0):

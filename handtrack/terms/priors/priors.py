@@ -40,7 +40,7 @@ class LinearPrior(ParameterTerm):
     rows: Floats[K, S]
     loss: Loss = quadratic()
     weight: float = 1.0
-    name: str = "posture"
+    name = "posture"
     ratios: Floats[K, S] | None = None
 
     def add_to(self, joint_params: Floats[S], sums: Sums) -> float:
@@ -59,7 +59,7 @@ class CorrelatedPrior(ParameterTerm):
     mean: Floats[S]
     information: Floats[S, S]
     """symmetric, no negative direction"""
-    name: str = "motion"
+    name = "motion"
 
     def add_to(self, joint_params: Floats[S], sums: Sums) -> float:
         x, mean, information = contiguous(joint_params, self.mean, self.information)

@@ -11,7 +11,6 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.chains import chains_of
 from handtrack.sampling.interpretation_tree import chain_flips
-from handtrack.sampling.polish import Minima
 from handtrack.sampling.suppression import apart
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.descent import by_keypoints_alone, minima
@@ -38,13 +37,13 @@ def mirrored_covariance(terms: FrameTerms, params: Floats[P]) -> Floats[J, D3, D
     flips = list(flips_of_limbs(model, params, camera).values())
     starts = np.concatenate([params[None], *flips])
     if by_joints is not None:
-        ended = minima(terms.without_motion(), starts, len(starts))
+        poses, costs, normal = minima(terms.without_motion(), starts, len(starts))
     else:
         known = Problem(model, (), terms.without_motion().priors)
-        same = np.tile(np.eye(len(params)), (len(starts), 1, 1))
-        ended = Minima(starts, np.array([known.cost(start) for start in starts]), same)
-    places = np.stack([model.joint_positions(model.bones(pose)) for pose in ended.params])
-    mass = -ended.cost - 0.5 * np.linalg.slogdet(ended.normal)[1]
+        poses, costs = starts, np.array([known.cost(start) for start in starts])
+        normal = np.tile(np.eye(len(params)), (len(starts), 1, 1))
+    places = np.stack([model.joint_positions(model.bones(pose)) for pose in poses])
+    mass = -costs - 0.5 * np.linalg.slogdet(normal)[1]
     here = model.joint_positions(model.bones(params))
     far_m = apart_m(here)
     if not np.isfinite(mass[0]):

@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, N, P
 from handtrack.observation.pins import ImagePins
-from handtrack.sampling.polish import Minima, polish
+from handtrack.sampling.polish import polish
 from handtrack.solver.levenberg_marquardt import SolveSummary, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Watch
@@ -67,8 +67,8 @@ def minima(
     most: int,
     should_stop: Callable[[], bool] | None = None,
     is_far: bool = False,
-) -> Minima:
-    """Return the minima that starts lead to.
+) -> tuple[Floats[N, P], Floats[N], Floats[N, P, P]]:
+    """Return the minima that starts lead to: solver parameters; costs, infinite where a start led nowhere; Gauss-Newton matrices.
 
     Keypoints alone: of all starts; otherwise of the `most` cheapest.
 
@@ -79,7 +79,7 @@ def minima(
     """
     if by_keypoints_alone(terms):
         seen = [t.observed for t in terms.keypoints if not isinstance(t.observed, ImagePins)]
-        return polish(
+        ended = polish(
             terms.model,
             starts,
             seen,
@@ -88,6 +88,7 @@ def minima(
             iterations=200 if is_far else 30,
             tolerance=1e-3,
         )
+        return ended.params, ended.cost, ended.normal
     if len(starts) > most:
         costs = [stage_problem(terms, x, 0).cost(x) for x in starts]
         starts = starts[np.argsort(costs, kind="stable")[:most]]
@@ -96,7 +97,7 @@ def minima(
         found.append(descend(terms, start, should_stop)[0])
         if found[-1].why == "stopped":
             break
-    return Minima(
+    return (
         np.array([one.params for one in found]),
         np.array([one.cost for one in found]),
         np.array([one.system.hessian for one in found]),

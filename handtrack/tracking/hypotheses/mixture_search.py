@@ -21,7 +21,6 @@ from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import Chain, chain_votes
 from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
-from handtrack.sampling.polish import Minima
 from handtrack.sampling.suppression import distinct
 from handtrack.solver.covariance import covariance
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
@@ -113,34 +112,36 @@ class MixtureObjective:
             first, *others = group
             starts, source = np.array([c.params for c in (first, *others)]), first.source
             is_far, stop = source.belief is None, self.control.should_stop
-            found += self.weighed(source, minima(source.terms, starts, source.most, stop, is_far))
+            ended = minima(source.terms, starts, source.most, stop, is_far)
+            found += self.weighed(source, *ended)
         return found
 
-    def weighed(self, source: Source, found: Minima) -> list[Start]:
+    def weighed(
+        self, source: Source, params: Floats[N, P], cost: Floats[N], normal: Floats[N, P, P]
+    ) -> list[Start]:
         """Return the minima that a source's starts led to, with what they weigh.
 
         The mass is exp(−cost) times the prior's normalisation times √det(2π C), what the Gaussian of covariance C around the
         minimum holds (Laplace): a wide minimum of the same cost is more probable than a narrow one. Nothing came before a
         first frame: there costs alone decide.
         """
-        known = np.isfinite(found.cost)
-        log = np.where(known, source.log_prior - found.cost, -np.inf)
+        known = np.isfinite(cost)
+        log = np.where(known, source.log_prior - cost, -np.inf)
         if source.belief is not None:
-            volume = 0.5 * found.params.shape[1] * np.log(2.0 * np.pi)
-            log[known] += volume - 0.5 * np.linalg.slogdet(found.normal[known])[1]
-        return [self.start_at(source, found, n, float(log[n])) for n in range(len(log))]
-
-    def start_at(self, source: Source, found: Minima, n: int, log: float) -> Start:
-        """Return one of the minima, with the log of what it weighs."""
-        return Start(
-            self.model,
-            found.params[n],
-            -log,
-            source.origin,
-            normal=found.normal[n],
-            source=source,
-            energy=float(found.cost[n]),
-        )
+            volume = 0.5 * params.shape[1] * np.log(2.0 * np.pi)
+            log[known] += volume - 0.5 * np.linalg.slogdet(normal[known])[1]
+        return [
+            Start(
+                self.model,
+                params[n],
+                -float(log[n]),
+                source.origin,
+                normal=normal[n],
+                source=source,
+                energy=float(cost[n]),
+            )
+            for n in range(len(log))
+        ]
 
     def distinct(self, candidates: Sequence[Start], most: int) -> list[Start]:
         params = np.array([c.params for c in candidates])
@@ -262,26 +263,27 @@ class NextHypotheses(MixtureObjective):
             log_prior=float(log),
         )
 
-    def weighed(self, source: Source, found: Minima) -> list[Start]:
+    def weighed(
+        self, source: Source, params: Floats[N, P], cost: Floats[N], normal: Floats[N, P, P]
+    ) -> list[Start]:
         """Return minima with what they weigh: by where they come from, or by the density that is closest to where they end.
 
         The second is the 2003 paper's (fig. 4, step 5): exp(−cost) times weight and height of the long-tailed density of the last
         frame that is closest by Mahalanobis' distance, wherever a minimum was come by.
         """
         if not self.settings.traits.closest_prior:
-            return super().weighed(source, found)
-        heights, distances = zip(
-            *(self._density(c, found.params) for c in self.components), strict=True
-        )
+            return super().weighed(source, params, cost, normal)
+        heights, distances = zip(*(self._density(c, params) for c in self.components), strict=True)
         closest = np.argmin(distances, axis=0)
         return [
-            self.start_at(
-                replace(source, parent=int(i), belief=None),
-                found,
-                n,
-                -float(found.cost[n]) + float(heights[i][n]),
+            replace(
+                start,
+                cost=start.energy - float(heights[i][n]),
+                source=replace(source, parent=int(i), belief=None),
             )
-            for n, i in enumerate(closest)
+            for n, (start, i) in enumerate(
+                zip(super().weighed(source, params, cost, normal), closest, strict=True)
+            )
         ]
 
     def _density(self, component: Source, params: Floats) -> tuple[Floats, Floats]:
