@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from handtrack.parallel import LRUCache
 from handtrack.store.take import StoredFrame
-from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.result import FrameResult, TrackLabels
 
 _MOST_READ = 256  # frames whose arrays stay in memory, about 3 MB: those that one looks at
 
@@ -19,16 +19,16 @@ Head = StoredFrame | FrameResult
 class TakeFrames(Mapping[int, FrameResult]):
     """The frames of one take."""
 
-    parameter_names: tuple[str, ...]
-    """of the model that it was tracked with"""
+    labels: TrackLabels
+    """of the model, settings and size that it was tracked with"""
     heads: dict[int, Head] = field(default_factory=dict)
-    refinement: str | None = None
-    """what its frames share, where they were refined together: `TrackResult.refinement`"""
-    settings: Mapping[str, object] = field(default_factory=dict)
-    """those it was tracked with, by their dotted names"""
     puts: list[int] = field(default_factory=list)
     """frames that were taken since it was read or begun, in this order: whoever follows it looks at these alone"""
     _read: LRUCache[int, FrameResult] = field(default_factory=LRUCache)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        return self.labels.parameter_names
 
     def put(self, result: FrameResult, head: StoredFrame | None) -> None:
         """Take a frame, in the place of the one that was there. head: where it is on disk; None: nowhere."""
@@ -73,8 +73,8 @@ class CurrentTrack(Mapping[int, FrameResult]):
     @property
     def refinement(self) -> str | None:
         """What the frames of the uppermost take share that shows anywhere and tells it: frames beside a correction tell nothing new."""
-        telling = (take for _, take in reversed(self.layers) if take.refinement is not None)
-        return next((take.refinement for take in telling if self.count_of(take)), None)
+        telling = (take for _, take in reversed(self.layers) if take.labels.refinement is not None)
+        return next((take.labels.refinement for take in telling if self.count_of(take)), None)
 
     def count_of(self, take: TakeFrames) -> int:
         """Return how many frames a take shows."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
@@ -115,13 +114,7 @@ class TakeCache:
         damage: list[str] = []
         try:
             take = store.take(number)
-            labels = take.about.labels
-            return TakeFrames(
-                labels.parameter_names,
-                dict(take.frame_heads(damage)),
-                labels.refinement,
-                json.loads(labels.settings or "{}"),
-            )
+            return TakeFrames(take.about.labels, dict(take.frame_heads(damage)))
         except HandtrackError as error:
             damage.append(str(error))
         finally:
@@ -559,9 +552,9 @@ class Document:
         session, corrections = self.run.session, dict[str, CameraCorrection]()
         for span in reversed(self.laid):
             take = self.takes.get(span.take)
-            if take is None or take.refinement is None:
+            if take is None or take.labels.refinement is None:
                 continue
-            for error in Refinement.read(take.refinement).cameras:
+            for error in Refinement.read(take.labels.refinement).cameras:
                 earlier = session.corrections.get(error.name)
                 known = error.name in session.rig and bool(error.words)
                 if known and (earlier is None or span.take > earlier.take):

@@ -122,7 +122,7 @@ def test_the_engine_scores_the_pose_that_is_shown(tmp_path, left_open):
 
 def test_a18_what_is_told_of_the_timeline_adds_up_to_the_whole(tmp_path):
     document = fake_document(tmp_path)
-    take = TakeFrames(document.model.parameter_names)
+    take = TakeFrames(document.run.labels)
     document.takes.put(1, take)
     document.apply(decide(spans=(Span(1, 0, len(document.frames)),)))
     strip = timeline_snapshot(document)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
 
 import msgspec
@@ -57,7 +58,8 @@ def model_of_take(document: Document, number: int) -> Edit:
     if take is None or take.parameter_names == run.model.parameter_names:
         return NOTHING
     name, changed = "model.name", list[Edit]()
-    if (wanted := take.settings.get(name, "")) != run.settings.flat()[name]:
+    wanted = json.loads(take.labels.settings or "{}").get(name, "")
+    if wanted != run.settings.flat()[name]:
         changed.append(decide(setting={name: wanted}))
         run = run.with_values({name: wanted})
     if take.parameter_names != run.model.parameter_names:

@@ -74,8 +74,6 @@ class OpenTake:
     scale: HandScale | None = None
     """of the hand, where it is another than the document's"""
     is_shown: bool = False
-    is_reported: bool = False
-    """that frames cannot be written"""
 
     def keep(self, result: FrameResult) -> None:
         """Keep a frame, and those that could not be written before. Raises HandtrackError where they cannot now."""
@@ -359,8 +357,7 @@ class Persistence:
         run, scale = document.run, None if shared is None else shared.scale
         labels = (run if scale is None else run.with_scale(scale)).labels
         labels = replace(labels, refinement=None if shared is None else shared.text)
-        settings = run.settings.flat()
-        take_frames = TakeFrames(run.model.parameter_names, {}, labels.refinement, settings)
+        take_frames = TakeFrames(labels)
         about = TakeAbout(
             by=refined_by(PROGRAM) if is_refined else PROGRAM,
             begun=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -389,8 +386,7 @@ class Persistence:
         try:
             take.keep(result)
         except HandtrackError:
-            if not take.is_reported:
-                take.is_reported = True
+            if len(take.waiting) == 1:  # else that was told
                 raise
         finally:
             if not take.is_shown:
@@ -500,10 +496,11 @@ class Persistence:
     def _take_size_of_track(self) -> None:
         """The hand's size that the current track was made with counts, where none was decided since."""
         document, spans = self.document, self.document.state.spans
-        if document.state.size is not None or not spans:
+        take = document.takes.get(spans[-1].take) if spans else None
+        if document.state.size is not None or take is None:
             return
         try:
-            labels = Store(self.folder / TRACKS_FOLDER).take(spans[-1].take).about.labels
+            labels = take.labels
             if labels.model == document.run.labels.model:
                 size = DecidedSize.of(json.loads(labels.scale))
                 self.do("The track's size", decide(size=size), kind=NOTE)
@@ -546,9 +543,7 @@ def show_track_file(document: Document) -> None:
     try:
         track, number = read_npz(path), document.takes.next_number
         frames = {r.frame: r for r in track.frames()}
-        settings = json.loads(track.settings or "{}")
-        take = TakeFrames(track.parameter_names, dict(frames), settings=settings)
-        document.takes.put(number, take)
+        document.takes.put(number, TakeFrames(track.labels, dict(frames)))
         document.apply(decide(spans=(Span(number, min(frames), max(frames) + 1),)))
         document.apply(edits.model_of_take(document, number))
         if track.scale:
