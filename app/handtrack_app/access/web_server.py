@@ -35,7 +35,7 @@ import msgspec
 import viser
 import websockets.asyncio.server as library
 from websockets.asyncio.server import Server, ServerConnection
-from websockets.frames import Frame, Opcode
+from websockets.frames import DATA_OPCODES, Frame
 from websockets.http11 import Request, Response
 from websockets.protocol import CONNECTING, Event
 from websockets.server import ServerProtocol
@@ -72,7 +72,6 @@ MOST_CONNECTIONS = 64
 _HANDSHAKE_S = 5.0
 _SLOW_S = 20.0
 """a client that has not taken one packet by then (a few MB at most) is given up; its page reconnects"""
-_FAREWELL_S = 1.0
 
 _PAGE = "<!doctype html><title>handtrack</title><p>handtrack: {}</p>\n"
 _HEADERS = {
@@ -439,20 +438,21 @@ class _Connection(ServerConnection):
         """Take what came, unless it is too much."""
         if self._flow.bytes.take(len(data)):
             super().data_received(data)
-        elif not self.transport.is_closing():
+        else:
             self._disconnect("sent too many bytes")
 
     def process_event(self, event: Event) -> None:
-        """Take a frame; a fragment counts as a message: of empty ones, a message may have millions."""
-        is_part = isinstance(event, Frame) and event.opcode is Opcode.CONT
-        if is_part and not self._flow.messages.take():
-            self._disconnect("sent too many fragments")
+        """Take a frame, unless there are too many; a fragment counts as a message: of empty ones, a message may have millions."""
+        is_data = isinstance(event, Frame) and event.opcode in DATA_OPCODES
+        if is_data and not self._flow.messages.take():
+            self._disconnect("sent too many messages")
         else:
             super().process_event(event)
 
     def _disconnect(self, why: str) -> None:
-        log.warning("%s %s and was disconnected", self.remote_address, why)
-        self.transport.abort()
+        if not self.transport.is_closing():
+            log.warning("%s %s and was disconnected", self.remote_address, why)
+            self.transport.abort()
 
     async def recv(self, decode: bool | None = None) -> bytes:  # type: ignore[override]
         """Return the next message that may pass."""
@@ -470,14 +470,6 @@ class _Connection(ServerConnection):
                     raw = await super().recv(decode)
             except TimeoutError:
                 continue
-            if not self._flow.messages.take():
-                log.warning("%s sent too many messages and was disconnected", self.remote_address)
-                try:
-                    async with asyncio.timeout(_FAREWELL_S):
-                        await self.close(1008, "too many messages")
-                except TimeoutError:
-                    self.transport.abort()
-                continue  # viser hears that the connection is closed
             try:
                 if not self._flow.put(*self._messages.check(raw, client)):
                     raise Rejected("too many messages wait")
