@@ -197,7 +197,9 @@ class Workbench:
         self._watched = (self.stage.clear_late, self.layout.help.watch, self._see_ready)
         self.layout.help.offers_tour = self._is_demo
         server.on_client_connect(self.layout.help.welcome)
-        server.on_client_disconnect(lambda _: self.redraw())  # its picture is painted no more
+        # who comes can take hold of the hand; the picture of who goes is painted no more
+        for hear in (server.on_client_connect, server.on_client_disconnect):
+            hear(lambda _: self.redraw())
 
     def _show_session(self, session: snapshots.SessionSnapshot) -> None:
         with self.state.lock:
