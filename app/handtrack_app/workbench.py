@@ -302,8 +302,6 @@ def run_workbench(
         print(f"handtrack: {bench.folder.name} is open at {bench.url} (Ctrl-C ends)", flush=True)
         if not is_loopback(host):
             print(f"From other machines: {bench.web.url_by(socket.gethostname())}", flush=True)
-        if live is not None and live.record is not None:
-            bench.engine.record(True, str(live.record))
         if own.folder != plan.folder or demo:
             print(f"This is your own copy; poses and tracks go to {own.folder}", flush=True)
         if open_browser and token is None:
@@ -311,6 +309,8 @@ def run_workbench(
         failure = bench.worker.wait_opened(None)
         if failure is not None:
             raise failure
+        if live is not None and live.record is not None:
+            bench.engine.record(True, str(live.record))
         while not bench.left.wait(0.5):
             pass  # waiting without end lost the first Ctrl-C in some runs (Python 3.11 on Linux)
         return bench.web

@@ -184,7 +184,7 @@ class EngineProcess:
 
     def _take(self, child: EngineChild, message: object, is_anew: bool) -> None:
         if isinstance(message, dict):
-            self._outbox.know(message)
+            self._outbox.commands = message
         elif isinstance(message, Opened) and not message.is_whole:
             self._failure = message.failure
             self._outbox.listen(is_anew)
@@ -264,14 +264,12 @@ class Outbox:
     recording: str = ""
     """the folder that running cameras are recorded to"""
     commands: Commands = field(default_factory=dict)
-    """the engine's commands; empty until it has told them"""
+    """the engine's; it tells them before anything else, so none is called before"""
     is_down: bool = False
     """the engine stays ended"""
     _newest: int = 0
     _number: int = 0
     _is_listening: bool = False
-    _early: list[tuple[str, tuple[Any, ...], Mapping[str, Any]]] = field(default_factory=list)
-    """calls made before the commands were known"""
     _kept: list[_Entry] = field(default_factory=list)
     _views: dict[str, Call] = field(default_factory=dict)
     _frame: int | None = None
@@ -288,9 +286,6 @@ class Outbox:
         are kept. Raises TypeError for what the engine does not have.
         """
         with self._changed:
-            if not self.commands:
-                self._early.append((name, given, named))
-                return None
             call = Call.of(self.commands, name, given, named)
             if call.command.view:
                 self._views[name] = call
@@ -325,14 +320,6 @@ class Outbox:
             between = True
 
     # ---- to the engine
-
-    def know(self, commands: Commands) -> None:
-        """The engine tells its commands."""
-        with self._changed:
-            self.commands, early = commands, self._early
-            self._early = []
-        for name, given, named in early:
-            self.put(name, given, named)
 
     def listen(self, is_anew: bool) -> None:
         """The engine serves calls from now on. is_anew: it is told first what the page looks at."""
