@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 
 import cv2
@@ -313,7 +313,7 @@ class View:
                 "mask method seeded starts from joints in the images, but the camera has no `keypoints`. "
                 "`handtrack detect SESSION --write` finds them."
             )
-        seeds_at = JointSeeds(self.keypoint_files)
+        seeds_at = partial(_seeds_of_frame, self.keypoint_files)
         masks = method.learned(source, seeds_at, self.settings.roi)
 
         def mask(image: Array, own_frame: int) -> Bytes | None:
@@ -431,30 +431,24 @@ def _most(image: Array[H, W, *Axes] | None) -> int:
     return max(_BYTES_KEPT // (1 if image is None else image.nbytes), 1)
 
 
-class JointSeeds:
-    """A camera's own frame → seeds; joints are taken on a straight way through short gaps."""
+def _seeds_of_frame(files: KeypointFiles, own_frame: int) -> HandSeeds | None:
+    """Return the seeds of a camera's own frame; None where the hand was not found, nor shortly before and after."""
+    joints = files.as_taken(own_frame) or _bridged(files, own_frame)
+    return seeds_of_joints(joints, files.camera.size)
 
-    def __init__(self, files: KeypointFiles) -> None:
-        self._files = files
 
-    def __call__(self, own_frame: int) -> HandSeeds | None:
-        """Return the frame's seeds; None where the hand was not found, nor shortly before and after."""
-        joints = self._files.as_taken(own_frame)
-        if not joints:
-            joints = self._bridged(own_frame)
-        return seeds_of_joints(joints, self._files.camera.size)
-
-    def _bridged(self, own_frame: int) -> dict[str, Floats[D2]]:
-        ends = []
-        for way in (-1, 1):
-            near = [own_frame + way * step for step in range(1, _BRIDGED + 1)]
-            found = [(n, joints) for n in near if (joints := self._files.as_taken(n))]
-            if not found:
-                return {}
-            ends.append(found[0])
-        (first, before), (last, after) = ends
-        share = (own_frame - first) / (last - first)
-        return {
-            n: np.asarray((1 - share) * before[n] + share * after[n])
-            for n in before.keys() & after.keys()
-        }
+def _bridged(files: KeypointFiles, own_frame: int) -> dict[str, Floats[D2]]:
+    """Return a frame's joints on a straight way through a short gap; none where it is longer."""
+    ends = []
+    for way in (-1, 1):
+        near = [own_frame + way * step for step in range(1, _BRIDGED + 1)]
+        found = [(n, joints) for n in near if (joints := files.as_taken(n))]
+        if not found:
+            return {}
+        ends.append(found[0])
+    (first, before), (last, after) = ends
+    share = (own_frame - first) / (last - first)
+    return {
+        n: np.asarray((1 - share) * before[n] + share * after[n])
+        for n in before.keys() & after.keys()
+    }
