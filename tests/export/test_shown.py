@@ -48,7 +48,7 @@ def _moved_a_little(folder, count):
 def test_pages_play_without_network_and_without_an_error(kind, tmp_path):
     pytest.importorskip("playwright.sync_api")
     table = ResultsTable(sample_sequence(kind)[1])
-    with chromium((1280, 720)) as (page, errors):
+    with chromium((640, 360)) as (page, errors):
         (path,) = export_format("html").write(tmp_path / "poses.html", table)
         page.goto(path.as_uri())
         before, say = page.locator("#view").screenshot(), page.locator("#say")
