@@ -206,9 +206,7 @@ def test_a_mistake_of_one_frame_leaves_those_beside_alone():
     wrong = poses[at].copy()
     wrong[HAND.parameter_names.index("index_mcp_flex")] -= 1.0
     whole[at] = replace(whole[at], parameters=HAND.joint_params(wrong))
-    again = _corrected(observe, whole, at, poses)
-    moved_mm = _off_mm(again, np.array([whole[r.frame].keypoints21 for r in again]))
-    assert not again or moved_mm.max() < 5.0
+    assert _corrected(observe, whole, at, poses) == []
 
 
 def test_stopped_no_frame_beside_a_keyframe_changes():
