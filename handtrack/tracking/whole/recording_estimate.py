@@ -148,7 +148,8 @@ def refine(recording: Recording, tracked: Sequence[FrameResult]) -> list[FrameRe
         found = replace(
             recording, model=estimate.likelihood.model, cameras=estimate.refinement.cameras
         )
-        again = refine_near(found, results, [*recording.keyframes, *recording.pinned])
+        free = [result for result in results if result.frame not in recording.keyframes]
+        again = refine_near(found, free, [*recording.keyframes, *recording.pinned])
         results = {r.frame: r for r in (*results, *again)}.values()
     return [result for result in results if result.frame not in recording.keyframes]
 
