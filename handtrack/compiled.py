@@ -77,7 +77,8 @@ class _Cache(FunctionCache):
         """
         rtsys.initialize(target_context)
         try:
-            return self._load_overload(sig, target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
         except (AttributeError, ImportError):
             self.flush()
             return None
