@@ -136,8 +136,10 @@ def _by_frame(points: Floats[N, D3], names: Sequence[str]) -> Floats[T, J, D3]:
 
 
 def _extent(pixels: Floats[T, J, D2]) -> float:
-    """Return how large the hand is in a camera's images [px], the median over frames."""
+    """Return how large the hand is in a camera's images [px], the median over frames; infinite where it is in none."""
     some = pixels[np.isfinite(pixels).any(axis=(1, 2))]
+    if not len(some):
+        return float("inf")
     return float(np.median((np.nanmax(some, axis=1) - np.nanmin(some, axis=1)).max(axis=1))) + 1e-9
 
 

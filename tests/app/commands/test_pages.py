@@ -57,6 +57,7 @@ def test_every_command_of_the_tutorial_runs(handtrack, tmp_path, monkeypatch):
     assert {"sample", "new", "doctor", "track", "export", "evaluate", "simulate"} <= ran
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_a_person_is_tracked_by_the_page_s_commands(handtrack, tmp_path, monkeypatch):
     project(tmp_path / "p").rename(tmp_path / "my_project")
     for path in (tmp_path / "my_project").glob("pose/*/*.json"):
