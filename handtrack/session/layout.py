@@ -79,7 +79,8 @@ def inside(folder: Path, setting: str, where: str) -> Path:
         raise HandtrackError(f"{where}: {setting[:40]!r} is no path.")
     if _is_absolute(setting) or not _is_within(path, folder):
         raise _leaves(folder, setting, where, path)
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    # not "exists, and is no file": it may be removed in between
+    if path.is_fifo() or path.is_socket() or path.is_char_device() or path.is_block_device():
         raise HandtrackError(
             f"{path} is a pipe or a device, not a file, so it was not opened. Put a file there, or take it away."
         )
