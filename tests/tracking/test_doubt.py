@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from handtrack import Status, Tracker, TrackerSettings, load_model
 from handtrack.simulation.motion import motion
@@ -35,6 +36,11 @@ def test_the_tail_is_a_normal_distribution_s(rng):
     true = (np.linalg.norm(drawn, axis=1) > 0.025).mean()
     found = probably_beyond(cov, 0.025).max()
     assert found == pytest.approx(true, abs=0.015)
+    sigma = np.linspace(0.002, 0.05, 50)
+    exact = chi2.sf((0.025 / sigma) ** 2, 3)
+    assert probably_beyond(sigma[:, None, None] ** 2 * np.eye(3), 0.025) == pytest.approx(
+        exact, rel=0, abs=1e-13
+    )
 
 
 def test_what_fits_badly_and_fingers_that_are_closed_are_known_less():

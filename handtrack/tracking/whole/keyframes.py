@@ -35,7 +35,7 @@ def with_keyframes(
 
     What is corrected is the change from where the frame was tracked, or where those beside say that
     the hand stood. Frames beside err alike, as far as the hand has not moved: the change is theirs,
-    too, whatever what was seen says of it, which errs.
+    too. What was observed does not limit it, since that has led to the error.
 
     Parameters
     ----------
