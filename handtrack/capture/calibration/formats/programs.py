@@ -1,6 +1,7 @@
 """Calibrations in forms of single programs: Kalibr, MATLAB, Bouguet's toolbox, Qualisys, Gaussian splatting, NeRF and COLMAP.
 
-Each reader takes what a file holds and its name for messages, and returns None for what is not of its program. All raise HandtrackError.
+Each reader takes what a file holds and its name for messages, writes every camera as a table that `camera_of` reads, and returns None for
+what is not of its program. All raise HandtrackError.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats
+from handtrack.arrays import Floats
+from handtrack.capture.calibration.formats.camera_tables import camera_of
 from handtrack.capture.calibration.formats.imported_rig import (
     ImportedCamera,
     ImportedRig,
@@ -35,46 +37,34 @@ _MOST = 64  # images: a rig has one a camera
 
 def read_kalibr(tree: Any, where: str) -> ImportedRig | None:
     """Return the cameras of a camera chain (YAML): each one's pose is from the one before, in metres."""
-    if not isinstance(tree, Mapping):
-        return None
-    tables = {
-        n: t
-        for n, t in tree.items()
-        if isinstance(t, Mapping) and "distortion_model" in t and "intrinsics" in t
-    }
-    if not tables:
-        return None
-    pose, cameras = np.eye(4), []
-    for index, (name, table) in enumerate(tables.items()):
+    pose, cameras = np.eye(4), list[ImportedCamera]()
+    for name, table in tree.items() if isinstance(tree, Mapping) else ():
+        if not isinstance(table, Mapping) or not {"distortion_model", "intrinsics"} <= table.keys():
+            continue
         place = f"{where}, {name}"
-        if index and "T_cn_cnm1" not in table:
+        if cameras and "T_cn_cnm1" not in table:
             raise HandtrackError(
                 f"{place}: `T_cn_cnm1` is missing, its pose from the camera before; calibrate all together."
             )
-        if index:
+        if cameras:
             pose = numbers_at(table, "T_cn_cnm1", place, (4, 4)) @ pose
-        values = numbers_at(table, "intrinsics", place).ravel()
+        lens = numbers_at(table, "intrinsics", place).ravel()
         model = str(table.get("camera_model", "pinhole"))
-        if model == "omni" and len(values) == 5 and values[0] == 0:  # a mirror that is none
-            values = values[1:]
+        if model == "omni" and len(lens) == 5 and lens[0] == 0:  # a mirror that is none
+            lens = lens[1:]
         else:
             is_fisheye(model, place)  # raises: of no model that is read
-        fisheye = is_fisheye(table["distortion_model"], place)
-        values = numbers(values, f"{place}, intrinsics", (4,), expected="fx, fy, cx, cy")
-        bent = numbers(table.get("distortion_coeffs") or [], f"{place}, distortion_coeffs").ravel()
-        size = None
+        own = {"K": lens, "dist": table.get("distortion_coeffs") or [], "w2c": pose}
+        own["model"] = table["distortion_model"]
         if "resolution" in table:
             size = whole_size(table["resolution"], f"{place}, resolution")
-        matrix = camera_matrix(*values.tolist())
-        cameras.append(
-            ImportedCamera(str(name), size, matrix, bent, pose[:3, :3], pose[:3, 3], fisheye)
-        )
-    return ImportedRig("Kalibr's camera chain", tuple(cameras), 1.0)
+            own["width"], own["height"] = size
+        cameras.append(camera_of(own, str(name), place, True))
+    return ImportedRig("Kalibr's camera chain", tuple(cameras), 1.0) if cameras else None
 
 
 # ---- MATLAB
 
-_FIRST_PIXEL = 1.0
 _MARK = "CameraParameters1"
 _MIDDLE = 0.2  # of the image: how far from its middle a lens's axis may be
 _HOW = "In MATLAB: s = toStruct(stereoParams); save('stereo.mat', 's', '-v7'), or write jsonencode(s) to a .json file."
@@ -95,10 +85,9 @@ def read_matlab(tree: Any, where: str) -> ImportedRig | None:
     parts: dict[str, Any] = {name: table.get(name) for name in (_MARK, "CameraParameters2")}
     if not all(isinstance(part, Mapping) for part in parts.values()):
         raise HandtrackError(f"{where}: CameraParameters1 and 2 must be structs. {_HOW}")
-    poses = (np.eye(3), np.zeros(3)), _matlab_pose(table, where)
     cameras = tuple(
-        _matlab_camera(part, f"{where}, {name}", *pose)
-        for (name, part), pose in zip(parts.items(), poses, strict=True)
+        camera_of(_matlab_lens(part, f"{where}, {name}") | pose, None, f"{where}, {name}", False)
+        for (name, part), pose in zip(parts.items(), ({}, _matlab_pose(table, where)), strict=True)
     )
     said = str(parts[_MARK].get("WorldUnits") or table.get("WorldUnits") or "mm")
     return ImportedRig(
@@ -117,26 +106,24 @@ def _table_with(tree: Any, mark: str) -> Mapping[str, Any] | None:
     return None
 
 
-def _matlab_pose(table: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[D3]]:
-    if "RotationOfCamera2" in table and "TranslationOfCamera2" in table:  # x₂ = x₁ R + t, with rows
+def _matlab_pose(table: Mapping[str, Any], where: str) -> dict[str, Any]:
+    if {"RotationOfCamera2", "TranslationOfCamera2"} <= table.keys():  # x₂ = x₁ R + t, with rows
         rotation = numbers_at(table, "RotationOfCamera2", where, (3, 3)).T
-        return rotation, numbers_at(table, "TranslationOfCamera2", where, (3,))
-    pose, place = table.get("PoseCamera2"), f"{where}, PoseCamera2"
-    if isinstance(pose, Mapping) and "R" in pose and "Translation" in pose:  # rigidtform3d: columns
-        return numbers_at(pose, "R", place, (3, 3)), numbers_at(pose, "Translation", place, (3,))
+        return {"R": rotation, "t": table["TranslationOfCamera2"]}
+    pose = table.get("PoseCamera2")
+    if isinstance(pose, Mapping) and {"R", "Translation"} <= pose.keys():  # rigidtform3d: columns
+        return {"R": pose["R"], "t": pose["Translation"]}
     if isinstance(pose, Mapping) and "A" in pose:
-        whole = numbers_at(pose, "A", place, (4, 4))
-        return whole[:3, :3], whole[:3, 3]
+        return {"w2c": pose["A"]}
     raise HandtrackError(
         f"{where}: neither RotationOfCamera2 with TranslationOfCamera2, nor PoseCamera2 as a struct (R, Translation). {_HOW}"
     )
 
 
-def _matlab_camera(
-    part: Mapping[str, Any], where: str, rotation: Floats[D3, D3], translation: Floats[D3]
-) -> ImportedCamera:
-    radial = numbers_at(part, "RadialDistortion", where).ravel()
-    tangential = numbers_at(part, "TangentialDistortion", where).ravel()
+def _matlab_lens(part: Mapping[str, Any], where: str) -> dict[str, Any]:
+    radial, tangential = (
+        numbers_at(part, f"{kind}Distortion", where).ravel() for kind in ("Radial", "Tangential")
+    )
     if len(radial) > 3 or len(tangential) > 2:
         raise HandtrackError(
             f"{where}: {len(radial)} radial coefficients; expected 2 or 3, and 2 tangential."
@@ -144,12 +131,7 @@ def _matlab_camera(
     bent = np.zeros(5)
     bent[[0, 1, 4][: len(radial)]] = radial
     bent[2 : 2 + len(tangential)] = tangential
-    size = numbers_at(part, "ImageSize", where).ravel()[::-1]  # rows, columns
-    own = whole_size(size, f"{where}, ImageSize") if len(size) else None
-    return ImportedCamera(None, own, _matlab_matrix(part, where), bent, rotation, translation)
-
-
-def _matlab_matrix(part: Mapping[str, Any], where: str) -> Floats[D3, D3]:
+    size = zip(("height", "width"), numbers_at(part, "ImageSize", where).ravel())
     inner = part.get("Intrinsics")
     table = {**inner, **part} if isinstance(inner, Mapping) else part
     if "K" in table:
@@ -163,9 +145,8 @@ def _matlab_matrix(part: Mapping[str, Any], where: str) -> Floats[D3, D3]:
         matrix = camera_matrix(*np.concatenate(lengths).tolist())
     else:
         raise HandtrackError(f"{where}: neither K, nor IntrinsicMatrix, nor FocalLength. {_HOW}")
-    matrix = matrix.copy()
-    matrix[:2, 2] -= _FIRST_PIXEL
-    return matrix
+    from_zero = matrix - [[0, 0, 1], [0, 0, 1], [0, 0, 0]]
+    return {"K": from_zero, "dist": bent, **dict(size)}
 
 
 def read_bouguet(tree: Any, where: str) -> ImportedRig | None:
@@ -177,22 +158,21 @@ def read_bouguet(tree: Any, where: str) -> ImportedRig | None:
             f"{where}: a lens of Bouguet's toolbox, without the cameras' places. Give Calib_Results_stereo.mat, which "
             "stereo_gui saves."
         )
-    size = None
-    if "nx" in tree and "ny" in tree:
-        size = whole_size(
-            [float(np.ravel(tree[key])[0]) for key in ("nx", "ny")], f"{where}, nx ny"
-        )
-    second = rotation_of(tree["R"], f"{where}, R"), numbers_at(tree, "T", where, (3,))
+    size = {
+        side: numbers_at(tree, key, where, (1,)).item()
+        for side, key in (("width", "nx"), ("height", "ny"))
+        if key in tree
+    }
     cameras = []
-    for side, pose in (("left", (np.eye(3), np.zeros(3))), ("right", second)):
+    for side, pose in (("left", {}), ("right", {"R": tree["R"], "t": tree["T"]})):
         focal, centre = (numbers_at(tree, f"{n}_{side}", where, (2,)) for n in ("fc", "cc"))
         matrix = camera_matrix(*focal.tolist(), *centre.tolist())
         if f"alpha_c_{side}" in tree:
-            matrix[0, 1] = focal[0] * numbers_at(tree, f"alpha_c_{side}", where).ravel()[0]
-        bent = numbers_at(tree, f"kc_{side}", where).ravel()
-        fits = size is not None and np.abs(centre / size - 0.5).max() < _MIDDLE
-        own = size if fits else None  # it is one camera's, and the other may be larger
-        cameras.append(ImportedCamera(None, own, matrix, bent, *pose))
+            matrix[0, 1] = focal[0] * numbers_at(tree, f"alpha_c_{side}", where, (1,)).item()
+        lens = {"K": matrix, "dist": tree.get(f"kc_{side}", [])}
+        if len(size) == 2 and np.abs(centre / [*size.values()] - 0.5).max() < _MIDDLE:
+            lens |= size  # it is one camera's, and the other may be larger
+        cameras.append(camera_of(lens | pose, None, f"{where}, {side} camera", False))
     return ImportedRig("Bouguet's stereo calibration", tuple(cameras))
 
 
@@ -245,8 +225,9 @@ def _qualisys_camera(element: Element, where: str) -> ImportedCamera:
     matrix[0, 1] = skew
     turned = _attributes(transform, "r11 r12 r13 r21 r22 r23 r31 r32 r33", where).reshape(3, 3)
     rotation = _TO_OPENCV @ turned
-    away = -rotation @ _attributes(transform, "x y z", where)
-    return ImportedCamera(element.get("serial") or None, size, matrix, bent, rotation, away)
+    pose = {"R": rotation, "t": -rotation @ _attributes(transform, "x y z", where)}
+    own = {"K": matrix, "dist": bent, "width": size[0], "height": size[1]}
+    return camera_of(own | pose, element.get("serial") or None, where, True)
 
 
 def _attributes(element: Element | None, keys: str, where: str) -> Floats:
@@ -273,16 +254,14 @@ def read_splatting(tree: Any, where: str) -> ImportedRig | None:
     _check_count(len(tree), where)
     cameras = []
     for table in tree:
-        place = f"{where}, image '{table['img_name']}'"
+        name = str(table["img_name"])
+        place = f"{where}, image '{name}'"
         turned = rotation_of(table["rotation"], f"{place}, rotation")
-        centre = numbers_at(table, "position", place, (3,))
-        size = whole_size([table["width"], table["height"]], f"{place}, width and height")
-        fx, fy = numbers([table["fx"], table["fy"]], f"{place}, fx and fy").tolist()
-        matrix = camera_matrix(fx, fy, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-        name = str(table["img_name"]).rsplit(".", 1)[0]
-        cameras.append(
-            ImportedCamera(name, size, matrix, np.zeros(5), turned.T, -turned.T @ centre)
-        )
+        pose = np.column_stack([turned, numbers_at(table, "position", place, (3,))])
+        sides = numbers([table["width"], table["height"]], f"{place}, width and height")
+        lens = [table["fx"], table["fy"], *(0.5 * (sides - 1))]
+        own = {**table, "K": lens, "dist": np.zeros(5), "c2w": pose}
+        cameras.append(camera_of(own, name.rsplit(".", 1)[0], place, True))
     return ImportedRig("cameras.json of Gaussian splatting", tuple(cameras), any_unit=True)
 
 
@@ -302,26 +281,24 @@ def read_nerf(tree: Any, where: str) -> ImportedRig | None:
         table = {**tree, **frame}
         name = str(table.get("file_path", len(cameras)))
         place = f"{where}, image '{name}'"
-        pose = numbers_at(table, "transform_matrix", place, (3, 4), (4, 4))
-        size = whole_size([table.get("w"), table.get("h")], f"{place}, w and h [px]")
-        angle = numbers(table.get("camera_angle_x", 1.0), f"{place}, camera_angle_x")
-        fx = table.get("fl_x", float(0.5 * size[0] / np.tan(0.5 * angle)))
-        values = (
-            fx,
-            table.get("fl_y", fx),
-            table.get("cx", size[0] / 2),
-            table.get("cy", size[1] / 2),
-        )
-        fx, fy, cx, cy = numbers(values, f"{place}, fl_x fl_y cx cy").tolist()
-        fisheye = is_fisheye(table.get("camera_model", ""), place)
-        keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
-        bent = numbers([table.get(key, 0.0) for key in keys], f"{place}, {' '.join(keys)}")
-        turned = (pose[:3, :3] * [1, -1, -1]).T
-        matrix = camera_matrix(fx, fy, cx - 0.5, cy - 0.5)
+        pose = numbers_at(table, "transform_matrix", place, (3, 4), (4, 4))[:3]
+        width, height = whole_size([table.get("w"), table.get("h")], f"{place}, w and h [px]")
+        angle = numbers(table.get("camera_angle_x", 1.0), f"{place}, camera_angle_x", (1,)).item()
+        fx = table.get("fl_x", 0.5 * width / math.tan(0.5 * angle))
+        middle = table.get("cx", width / 2), table.get("cy", height / 2)
+        lens = numbers([fx, table.get("fl_y", fx), *middle], f"{place}, fl_x fl_y cx cy")
+        model = table.get("camera_model", "")
+        keys = "k1 k2 k3 k4" if is_fisheye(model, place) else "k1 k2 p1 p2 k3"
+        own = {
+            "K": lens - [0, 0, 0.5, 0.5],
+            "dist": [table.get(key, 0.0) for key in keys.split()],
+            "model": model,
+            "width": width,
+            "height": height,
+            "c2w": pose * [1, -1, -1, 1],
+        }
         name = re.sub(r"\.\w+$", "", name.rsplit("/", 1)[-1])
-        cameras.append(
-            ImportedCamera(name, size, matrix, bent, turned, -turned @ pose[:3, 3], fisheye)
-        )
+        cameras.append(camera_of(own, name, place, True))
     return ImportedRig("NeRF's transforms.json", tuple(cameras), any_unit=True)
 
 
@@ -392,11 +369,11 @@ def read_colmap(folder: Path) -> ImportedRig:
         where = f"{cameras}, camera {number}"
         if number not in lenses:
             raise HandtrackError(f"{cameras}: no camera {number}, which the image '{image}' names.")
-        size, matrix, bent, fisheye = _colmap_lens(*lenses[number], where)
         if not np.isfinite(pose).all() or not any(pose[:4]):
             raise HandtrackError(f"{where}: its pose is not of finite numbers.")
         rotation = matrix_from_quaternion(np.array(pose[:4]))
-        rig.append(ImportedCamera(name, size, matrix, bent, rotation, np.array(pose[4:]), fisheye))
+        own = _colmap_lens(*lenses[number], where) | {"R": rotation, "t": pose[4:]}
+        rig.append(camera_of(own, name, where, True))
     return ImportedRig("COLMAP model", tuple(rig), any_unit=True)
 
 
@@ -481,8 +458,7 @@ def _camera_names(names: list[str], path: Path) -> list[str]:
 
 def _colmap_lens(
     model: str, size: tuple[int, int], parameters: tuple[float, ...], where: str
-) -> tuple[tuple[int, int], Floats[D3, D3], Floats, bool]:
-    """Return image size, camera matrix, distortion and whether it is a fisheye's."""
+) -> dict[str, Any]:
     if model in _NOT_READ or model not in _MODELS:
         is_fisheye(f"{model} (COLMAP)", where)  # raises: of no model that is read
     places = _MODELS[model].split()
@@ -490,11 +466,13 @@ def _colmap_lens(
         raise HandtrackError(
             f"{where}: {len(parameters)} parameters; {model} has {', '.join(places)}."
         )
-    given = dict(zip(places, numbers(parameters, where).tolist(), strict=True))
-    focal = given.get("f", 0.0)
-    matrix = camera_matrix(
-        given.get("fx", focal), given.get("fy", focal), given["cx"] - 0.5, given["cy"] - 0.5
-    )
-    fisheye = model.endswith("FISHEYE")
+    given = dict(zip(places, parameters, strict=True))
+    focal, fisheye = given.get("f"), model.endswith("FISHEYE")
     keys = "k1 k2 k3 k4" if fisheye else "k1 k2 p1 p2 k3 k4 k5 k6"
-    return size, matrix, np.array([given.get(key, 0.0) for key in keys.split()]), fisheye
+    return {
+        "K": [given.get("fx", focal), given.get("fy", focal), given["cx"] - 0.5, given["cy"] - 0.5],
+        "dist": [given.get(key, 0.0) for key in keys.split()],
+        "fisheye": fisheye,
+        "width": size[0],
+        "height": size[1],
+    }
