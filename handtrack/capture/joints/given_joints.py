@@ -22,6 +22,14 @@ Hand = Floats[D21, D3]
 """column and row [px], confidence 0 to 1; NaN and 0 where a point is missing"""
 BodyPoints = Floats[K, D3]
 """the same of a body, as many points as its detector has"""
+HANDS_IN = {
+    133: {
+        side: {start + i: joint for i, joint in enumerate(JOINTS)}
+        for side, start in (("left", 91), ("right", 112))
+    },
+    21: {"": dict(enumerate(JOINTS))},
+}
+"""by how many points a person has: which of them are a hand's, by side"""
 _LINKS_M = {
     ("shoulder", "elbow"): 0.283,
     ("elbow", "wrist"): 0.268,

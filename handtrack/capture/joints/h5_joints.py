@@ -12,15 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.capture.joints.csv_joints import (
-    KINDS,
-    Names,
-    bodies_of_table,
-    columns_of,
-    renamed,
-    table_joints,
-)
+from handtrack.capture.joints.csv_joints import Names, bodies_of_table, renamed, table_joints
 from handtrack.capture.joints.given_joints import ImportedJoints
+from handtrack.capture.joints.point_tables import IN_IMAGES, points_of_columns
 from handtrack.errors import HandtrackError
 
 _MOST_BYTES = 1 << 30  # of one array
@@ -149,9 +143,8 @@ def _deeplabcut(group: Any, path: Path, known: Names) -> ImportedJoints:
         raise HandtrackError(
             f"{path}: several individuals ({', '.join(sorted(single))}); export one."
         )
-    places = {(name[-2], name[-1]): i for i, name in enumerate(names)}
-    points = list(dict.fromkeys(name[-2] for name in names))
-    columns = columns_of(values, [[places.get((name, kind)) for kind in KINDS] for name in points])
+    heads = {i: (name[-2], name[-1]) for i, name in enumerate(names)}
+    points, columns = points_of_columns(heads, values, IN_IMAGES, str(path))
     index = rows["index"] if "index" in rows.dtype.names else np.zeros(0)
     frames = list(map(int, index)) if index.dtype.kind in "iu" else range(len(rows))
     points = renamed(points, known, str(path))

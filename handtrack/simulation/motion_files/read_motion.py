@@ -63,7 +63,7 @@ def read_motion(
         raise HandtrackError(
             f"{path}: it does not say how many frames a second there are; give it with --fps."
         )
-    return MotionClip(markers.names, markers.positions, rate), markers.unit_m, "points in space"
+    return MotionClip(markers.names, markers.values, rate), markers.unit_m, "points in space"
 
 
 def in_metres(
