@@ -105,7 +105,7 @@ class Workbench:
         self.in_flight = InFlight(self.page, self._snapshots.put)
         self.server.on_client_disconnect(lambda _: self.in_flight.clear())
         self.player = Player(self.state, self._ask_for, self.in_flight, self.redraw)
-        self.server.on_client_connect(self.layout.room.welcome)
+        self.page.greet(self.layout.room.welcome)
         self._thread = threading.Thread(target=self._show_snapshots, name="view", daemon=True)
         self._thread.start()
         self.player.start()
@@ -196,7 +196,7 @@ class Workbench:
         subscribe(snapshots.RerunPage, self._show_rerun)
         self._watched = (self.stage.clear_late, self.layout.help.watch, self._see_ready)
         self.layout.help.offers_tour = self._is_demo
-        server.on_client_connect(self.layout.help.welcome)
+        self.page.greet(self.layout.help.welcome)
         # who comes can take hold of the hand; the picture of who goes is painted no more
         for hear in (server.on_client_connect, server.on_client_disconnect):
             hear(lambda _: self.redraw())

@@ -109,7 +109,7 @@ def opened(folder: Path, out: Path) -> Iterator[Taker]:
             taker = Taker(bench, page, out)
             taker.until(lambda: bench.layout.tracking.progress.state == "idle", _LONG_S)
             page.wait_for_timeout(_SETTLES_MS)
-            for client in bench.server.get_clients().values():
+            for client in bench.page.clients.values():
                 bench.layout.room.change(client, folded=False)
             yield taker
     finally:
@@ -126,7 +126,7 @@ def bundled(out: Path) -> None:
         strip = bench.layout.timeline.strip
         if strip is None or (strip.status < 0).any():
             taker.tracked(0, 100, 0)
-        (client,) = bench.server.get_clients().values()
+        (client,) = bench.page.clients.values()
         taker.show(_OPEN)
         bench.stage.look(None, client, everything=True)
         taker.take("workbench_tracked")
@@ -137,7 +137,7 @@ def bundled(out: Path) -> None:
         now = dict(zip(bench.state.names, bench.state.values, strict=True))
         bench.page.edit_pose({name: now[name] + more for name, more in bent.items()}, "picture")
         page.keyboard.press("2")
-        bench.stage.looking.set_paint(client.client_id, "residual")
+        bench.stage.looking.set_paint(client, "residual")
         bench.redraw()
         taker.take("workbench_residual")
         bench.page.travel(back=True)
@@ -190,7 +190,7 @@ def body(out: Path, session: Path) -> None:
     """Take the picture of a tracked person."""
     with opened(session, out) as taker:
         taker.show(_OPEN)
-        (client,) = taker.bench.server.get_clients().values()
+        (client,) = taker.bench.page.clients.values()
         taker.bench.stage.look(None, client, everything=True)
         taker.take("workbench_body")
 

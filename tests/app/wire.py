@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from handtrack.geometry.rotation import looking_along, quaternion_wxyz
-from handtrack_app.page.scene.looking import Through
+from handtrack_app.page.page import Client
+from handtrack_app.page.scene.looking import CameraView
 from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
 from tests.experiments.workbench.wire import WireClient
@@ -44,8 +45,12 @@ class Browser:
             self.wire.send(said | {"phase": phase, "end_position": at.tolist()})
 
     @property
-    def view(self) -> Through | None:
-        return self.bench.stage.looking.views.of(self.number)
+    def client(self) -> Client:
+        return self.bench.page.clients[self.number]
+
+    @property
+    def view(self) -> CameraView | None:
+        return self.client.view
 
     def told(self, kind: str) -> Any:
         """Return the latest value that the page was told."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import viser
 
 from handtrack_app.page.html import text
-from handtrack_app.page.page import Page, put, remembered
+from handtrack_app.page.page import Client, Page, put, remembered
 from handtrack_app.page.panels.tracking import TrackingPanel
 
 _KEPT_AS = "handtrack.toured"  # in the browser's storage
@@ -52,13 +52,12 @@ class Help:
     """Help and tour of the pages."""
 
     page: Page
-    leave: Callable[[viser.ClientHandle], None]
+    leave: Callable[[Client], None]
     """leaves a camera's view"""
     marks: tuple[Callable[[], object], ...]
     """for each step of the tour what differs once it is done"""
     offers_tour: bool = False
     """to who comes for the first time"""
-    _steps: dict[int, tuple[viser.GuiFolderHandle, int, object]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         key = self.page.key
@@ -66,29 +65,25 @@ class Help:
         key("Tour: five things to do", "", self.tour, by_page=True)
         key("Close the dialog, or leave the camera", "escape", self.escape, by_page=True)
 
-    def escape(self, client: viser.ClientHandle) -> None:
+    def escape(self, client: Client) -> None:
         """Close the dialog; where none is open, leave the camera that is looked through."""
         if not self.page.close_dialog(client):
             self.leave(client)
 
-    def welcome(self, client: viser.ClientHandle) -> None:
+    def welcome(self, client: Client) -> None:
         """Offer the tour to a page whose browser knows of none."""
         if self.offers_tour:
-            remembered(client, _KEPT_AS, lambda kept: self._offer(client) if kept is None else None)
+            remembered(client.handle, _KEPT_AS, lambda kept: kept is None and self.tour(client))
 
-    def _offer(self, client: viser.ClientHandle) -> None:
-        if client.client_id in self.page.server.get_clients():  # it may have left meanwhile
-            self.tour(client)
-
-    def show(self, client: viser.ClientHandle) -> None:
+    def show(self, client: Client) -> None:
         """Show all keys."""
         with self.page.dialog(client, "Keys and gestures"):
-            search = client.gui.add_text("Search", "")
-            listed = client.gui.add_html(self.table())
+            search = client.handle.gui.add_text("Search", "")
+            listed = client.handle.gui.add_html(self.table())
 
         @search.on_update
         def _(event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
-            if self.page.shows_dialog(client):  # what was typed last may come after its end
+            if client.dialog is not None:  # what was typed last may come after its end
                 put(listed, content=self.table(event.target.value))
 
     def table(self, wanted: str = "") -> str:
@@ -102,36 +97,34 @@ class Help:
         )
         return f"<div class='handtrack-keys' tabindex='0'>{rows or 'No match.'}</div>"
 
-    def tour(self, client: viser.ClientHandle) -> None:
+    def tour(self, client: Client) -> None:
         """Begin the tour."""
         self._step(client, 0)
 
-    def _step(self, client: viser.ClientHandle, number: int) -> None:
-        before = self._steps.pop(client.client_id, None)
+    def _step(self, client: Client, number: int) -> None:
+        before, client.tour = client.tour, None
         if before is not None:
             before[0].remove()
+        gui = client.handle.gui
         if number >= len(TOUR):
-            client.local_storage.set_item(_KEPT_AS, "yes")
+            client.handle.local_storage.set_item(_KEPT_AS, "yes")
             return
         title, words = (self.page.phrase(one) for one in TOUR[number])
-        with client.gui.add_folder(f"{number + 1} of {len(TOUR)}: {title}", order=0.2) as folder:
-            client.gui.add_html(text(words, faint=False))
-            go_on = client.gui.add_button_group("Tour", ("Skip", _LEAVE))
+        with gui.add_folder(f"{number + 1} of {len(TOUR)}: {title}", order=0.2) as folder:
+            gui.add_html(text(words, faint=False))
+            go_on = gui.add_button_group("Tour", ("Skip", _LEAVE))
         go_on.on_click(
             lambda event: self._step(
                 client, len(TOUR) if event.target.value == _LEAVE else number + 1
             )
         )
-        self._steps[client.client_id] = folder, number, self.marks[number]()
+        client.tour = folder, number, self.marks[number]()
 
     def watch(self) -> None:
         """Go on where a step of the tour was done."""
-        here = self.page.server.get_clients()
-        for one, (_, number, before) in list(self._steps.items()):
-            if one not in here:
-                del self._steps[one]
-            elif self.marks[number]() != before:
-                self._step(here[one], number + 1)
+        for client in self.page.clients.values():
+            if (tour := client.tour) is not None and self.marks[tour[1]]() != tour[2]:
+                self._step(client, tour[1] + 1)
 
 
 # ---- Keys, and entries of the palette, for the work itself: frames, tracking, keyframes, saving, export

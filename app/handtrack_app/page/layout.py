@@ -27,7 +27,6 @@ from handtrack_app.page.panels.view import (
     WIDTH,
     Room,
     SessionPanel,
-    Taste,
     colours,
     head,
     leave_button,
@@ -234,9 +233,9 @@ class PageLayout:
 
     def _unfold(self, notice: Notice) -> None:
         """Show the panel where it is hidden: an error is read there."""
-        for client in self.page.server.get_clients().values() if notice.level == "error" else ():
-            if self.room.tastes.get(client.client_id, Taste()).folded:
-                self.room.fold(client, folded=False)
+        for client in self.page.clients.values() if notice.level == "error" else ():
+            if client.taste.folded:
+                self.room.fold(client)
 
 
 # ---- What was said to the user: it stays to be read; and what is to be done or known stands until it is put away

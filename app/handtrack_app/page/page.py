@@ -19,6 +19,8 @@ from handtrack_app.protocol.calls import Engine
 from handtrack_app.protocol.snapshots import Notice
 
 if TYPE_CHECKING:
+    from handtrack_app.page.pins.grips import Drag
+    from handtrack_app.page.scene.looking import CameraView, Screen
     from handtrack_app.viser_internals import GuiModalHandle, HotkeyKey, KeyModifier
 
 GUIDE, INFO, DONE = "guide", "info", "done"
@@ -71,13 +73,47 @@ class Display:
 
 
 @dataclass(frozen=True)
-class Look:
-    """What one page sees through, whatever others do."""
+class Taste:
+    """What a user wants of a page."""
 
+    folded: bool = False
+    """the panel is hidden"""
+    colours: str = "dark"
+    """or `light`"""
+
+
+@dataclass(eq=False)
+class Client:
+    """A page in one browser: what it alone sees and does, whatever others do. It ends when it leaves."""
+
+    handle: viser.ClientHandle
+    taste: Taste = Taste()
     through: str | None = None
     """a camera; None: it looks freely"""
     paint: str = "outline"
     """over the camera's image: `plain`, `outline`, `residual` or `mask`"""
+    view: CameraView | None = None
+    """how it looks through the camera"""
+    view_line: viser.GuiHtmlHandle | None = None
+    """about that view"""
+    screen: Screen | None = None
+    """stays, hidden, while it looks freely"""
+    close_ups: tuple[viser.PanelHandle, viser.GuiHtmlHandle] | None = None
+    """of all cameras"""
+    grip: viser.BatchedMeshHandle | None = None
+    """follows the hand, where it can be taken hold of"""
+    drag: Drag | None = None
+    """under way"""
+    box: Callable[[viser.SceneRectSelectEvent], None] | None = None
+    """waits for a box over the picture, which stays where it is meanwhile"""
+    modal: Callable[[str], bool] | None = None
+    """while it is at something, such as painting: asked first what a letter means; whether it took it"""
+    dialog: GuiModalHandle | None = None
+    """that is open"""
+    tour: tuple[viser.GuiFolderHandle, int, object] | None = None
+    """the step that it is at, and what differs once that is done"""
+    lock: threading.RLock = field(default_factory=threading.RLock)
+    """of all this, which viser's threads, its loop and the view thread change"""
 
 
 @dataclass
@@ -106,18 +142,12 @@ class UserState:
     follow: bool = True
     """the view follows the tracker"""
     display: Display = field(default_factory=Display)
-    views: dict[int, Look] = field(default_factory=dict)
-    """by client, of those that chose"""
     lock: threading.RLock = field(default_factory=threading.RLock)
 
     @property
     def passes(self) -> bool:
         """Whether tracked frames pass by, twenty a second: what is not on the screen waits."""
         return self.tracking and self.follow
-
-    def look(self, client: int | None) -> Look:
-        """Return what a page sees through."""
-        return Look() if client is None else self.views.get(client, Look())
 
     def edit(self, changes: dict[str, float]) -> tuple[int, tuple[float, ...], int] | None:
         """Change joint parameters by name [m, rad]; return the pose as the user just set it, its frame, values and version; None if
@@ -176,16 +206,15 @@ _ASKED_S = 60.0  # a browser is waited for
 _KEY_WORDS = {"cmd/ctrl": "Ctrl", "escape": "Esc", "arrowright": "→", "arrowleft": "←"}
 
 
-Action = Callable[[viser.ClientHandle, Any], object]
+Action = Callable[[Client, Any], object]
 """gets the page on which a widget was used or a command given, and what was chosen: the widget's own value may be the program's by
 now, written since
 """
 Shows = TypeVar("Shows")
 Widget = TypeVar("Widget")
-Kept = TypeVar("Kept")
 
 
-def remembered(client: viser.ClientHandle, name: str, act: Callable[[str | None], None]) -> None:
+def remembered(client: viser.ClientHandle, name: str, act: Callable[[str | None], object]) -> None:
     """Call back with what a page's browser keeps under a name, None for nothing or no answer.
 
     On a thread of its own: a page that draws its first picture answers late, and the threads of viser are for others.
@@ -194,14 +223,16 @@ def remembered(client: viser.ClientHandle, name: str, act: Callable[[str | None]
     def ask() -> None:
         try:
             kept = client.local_storage.get_item(name, timeout=_ASKED_S)
-        except (RuntimeError, TimeoutError):
+        except TimeoutError:
             kept = None
+        except RuntimeError:
+            return  # it has left
         act(kept)
 
     threading.Thread(target=ask, name="remembered", daemon=True).start()
 
 
-@dataclass(frozen=True)
+@dataclass
 class Page:
     """The page as its panels see it."""
 
@@ -223,14 +254,28 @@ class Page:
     """called with all that is said"""
     keys: list[tuple[str, str]] = field(default_factory=list)
     """key and what it does, in words"""
-    modal: dict[int, Callable[[str], bool]] = field(default_factory=dict)
-    """by client that is at something, such as painting: asked first what a letter means; whether it took it"""
     _shows: dict[type, list[Callable[[Any], object]]] = field(default_factory=dict)
     """by kind of snapshot, in the order in which they subscribed"""
     early: dict[type, object] = field(default_factory=dict)
     """the newest snapshots of kinds that nobody subscribed to yet"""
-    _dialogs: dict[int, GuiModalHandle] = field(default_factory=dict)
-    """by client, those that are open"""
+    _clients: dict[int, Client] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    @property
+    def clients(self) -> dict[int, Client]:
+        """The pages in browsers that are there now, by number."""
+        with self._lock:
+            here, known = self.server.get_clients(), self._clients
+            self._clients = {n: known.get(n) or Client(one) for n, one in here.items()}
+            return self._clients
+
+    def client(self, handle: viser.ClientHandle) -> Client:
+        """Return one of them; of one that has left, what nobody sees."""
+        return self.clients.get(handle.client_id) or Client(handle)
+
+    def greet(self, act: Callable[[Client], None]) -> None:
+        """Call back with each page that comes."""
+        self.server.on_client_connect(lambda handle: act(self.client(handle)))
 
     def phrase(self, text: str) -> str:
         """Return a text in which {kind} and {Kind} stand for what is tracked, hand or body, and {part} for one of its parts, {middle} for
@@ -261,35 +306,25 @@ class Page:
             self.show(snapshot)
 
     @contextmanager
-    def dialog(self, client: viser.ClientHandle, title: str) -> Iterator[None]:
+    def dialog(self, client: Client, title: str) -> Iterator[None]:
         """Open a dialog of one page, in the place of another, to be filled; it ends with a button that closes it."""
         self.close_dialog(client)
-        self._dialogs[client.client_id] = opened = client.gui.add_modal(title)
-        with opened:
+        client.dialog = client.handle.gui.add_modal(title)
+        with client.dialog:
             yield
-            close = client.gui.add_button("Close", color="gray")
+            close = client.handle.gui.add_button("Close", color="gray")
         self.on(close, lambda who, _: self.close_dialog(who))
 
-    def close_dialog(self, client: viser.ClientHandle) -> bool:
+    def close_dialog(self, client: Client) -> bool:
         """Close a page's dialog; return whether there was one."""
-        opened = self._dialogs.pop(client.client_id, None)
+        opened, client.dialog = client.dialog, None
         if opened is not None:
             opened.close()
         return opened is not None
 
-    def shows_dialog(self, client: viser.ClientHandle) -> bool:
-        """Return whether a page has a dialog open."""
-        return client.client_id in self._dialogs
-
-    def present(self, by_client: dict[int, Kept]) -> dict[int, Kept]:
-        """Return what is kept of pages that are still there."""
-        here = self.server.get_clients()
-        return {one: kept for one, kept in by_client.items() if one in here}
-
-    def open_tab(self, client: viser.ClientHandle | None, *names: str) -> None:
+    def open_tab(self, client: Client, *names: str) -> None:
         """Open a tab of one page, and a tab within it."""
-        if client is not None:
-            internals.run_javascript(client, _OPEN_TAB.replace("%s", json.dumps(names)))
+        internals.run_javascript(client.handle, _OPEN_TAB.replace("%s", json.dumps(names)))
 
     def play(self, on: bool) -> None:
         """Begin or end playback; what is too slow for it is drawn differently meanwhile."""
@@ -332,26 +367,23 @@ class Page:
             else:
                 self.engine.redo(version)
 
-    def notify(
-        self, level: str, title: str, text: str, client: viser.ClientHandle | None = None
-    ) -> None:
+    def notify(self, level: str, title: str, text: str, client: Client | None = None) -> None:
         """Add to the messages; of what is done, show a notification for a while, on one client or on all. All else stands in the panel."""
         for hear in self.heard:
             hear(Notice(level, title, text))
-        clients = [client] if client is not None else list(self.server.get_clients().values())
-        for target in clients if level == DONE else ():
-            target.add_notification(title, text, color="teal", auto_close_seconds=8.0)
+        clients = [client] if client is not None else self.clients.values()
+        for one in clients if level == DONE else ():
+            one.handle.add_notification(title, text, color="teal", auto_close_seconds=8.0)
 
     def own(
         self,
         widget: viser.GuiInputHandle[str] | viser.GuiButtonGroupHandle,
-        action: Callable[[viser.ClientHandle, str], None],
+        action: Callable[[Client, str], None],
     ) -> None:
         """Let each page have a value of its own for a widget; `action` gets it."""
 
         def call(client_id: int, value: object) -> None:
-            client = self.server.get_clients().get(client_id)
-            if client is not None:
+            if (client := self.clients.get(client_id)) is not None:
                 internals.submit(self.gui, self._tried, client, partial(action, client, str(value)))
 
         self.own_widgets[internals.id_of(widget)] = call
@@ -364,9 +396,9 @@ class Page:
         hotkey, held = cast("HotkeyKey | None", key or None), cast("KeyModifier", modifier)
         command = self.gui.add_command(self.phrase(words), hotkey=hotkey, modifier=held or None)
 
-        def use(client: viser.ClientHandle, _: object) -> None:
-            first = None if modifier else self.modal.get(client.client_id)
-            if first is None or not key or not first(key):
+        def use(client: Client, _: object) -> None:
+            first = None if modifier or not key else client.modal
+            if first is None or not first(key):
                 act(*[client] * by_page)
 
         command.on_trigger(self.from_user(use))
@@ -425,7 +457,7 @@ class Page:
         pass; a pair in order.
         """
 
-        def use(_: viser.ClientHandle, value: Any) -> None:
+        def use(_: Client, value: Any) -> None:
             options = getattr(widget, "options", None)
             if options is None or value in options:  # they may be others by now
                 act(tuple(sorted(value)) if isinstance(value, list | tuple) else value)
@@ -443,12 +475,12 @@ class Page:
 
         def callback(event: Any) -> None:
             if event.client_id is not None:
-                value = self.said(event.target)
-                self._tried(event.client, partial(action, event.client, value))
+                client, value = self.client(event.client), self.said(event.target)
+                self._tried(client, partial(action, client, value))
 
         return callback
 
-    def _tried(self, client: viser.ClientHandle | None, act: Callable[[], object]) -> None:
+    def _tried(self, client: Client, act: Callable[[], object]) -> None:
         try:
             act()
         except Exception as error:

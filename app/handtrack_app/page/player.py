@@ -49,7 +49,7 @@ class InFlight:
     @property
     def is_watched(self) -> bool:
         """Whether a page is there to see what is played."""
-        return bool(self._page.server.get_clients())
+        return bool(self._page.clients)
 
     @property
     def is_drawing(self) -> bool:

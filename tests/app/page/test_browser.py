@@ -84,11 +84,11 @@ window.cancelAnimationFrame = clearTimeout;"""
 
 def stands(bench):
     """Return whether the first page stands in the camera that it looks through: it turns with the next frame that it draws."""
-    client = next(iter(bench.server.get_clients().values()))
-    view = bench.stage.looking.views.of(client.client_id)
-    if view is None or abs(client.camera.fov - view.eye.fov) > 1e-6:
+    (client,) = bench.page.clients.values()
+    view, camera = client.view, client.handle.camera
+    if view is None or abs(camera.fov - view.eye.fov) > 1e-6:
         return False
-    turned = vtf.SO3(np.asarray(client.camera.wxyz, dtype=float)).as_matrix()
+    turned = vtf.SO3(np.asarray(camera.wxyz, dtype=float)).as_matrix()
     return np.allclose(turned, view.eye.rotation, atol=1e-5)
 
 
@@ -319,9 +319,9 @@ def _shows_what_matters_whole_until_it_is_put_away(bench, view):
     bench.layout.messages.see_pose(False)  # as where there is no first pose
     notify("guide", "What to do first", "Press the button that finds the hand.")
     notify("warning", "Frame 3 fits, with low confidence", "Frame 4 as well.")
-    (client,) = bench.server.get_clients().values()
+    (client,) = bench.page.clients.values()
     tab = page.get_by_role("tab", name="Review", exact=True)
-    bench.layout.room.fold(client, folded=True)
+    bench.layout.room.fold(client)
     eventually(lambda: not tab.is_visible())
     notify("error", "A title that is longer than some", LONG.replace("Word", "Cause"))
     eventually(tab.is_visible, "an error is read in the panel")
@@ -372,13 +372,13 @@ def hand_in_page(bench, view):
 
 
 def _picture_and_model_are_drawn_as_one_however_large(bench, view):
-    (client,) = bench.server.get_clients().values()
+    (client,) = bench.page.clients.values()
     looking, scene = bench.stage.looking, bench.server.scene
-    looking.set_paint(client.client_id, "plain")
+    looking.set_paint(client, "plain")
     view.page.keyboard.press("0")
-    eventually(lambda: looking.views.of(client.client_id) is None)
+    eventually(lambda: client.view is None)
     view.page.keyboard.press("1")
-    looks = eventually(lambda: looking.views.of(client.client_id))
+    looks = eventually(lambda: client.view)
     eventually(lambda: "/screen" in str(view.page.evaluate(NODES)))
     bench.stage._marking = True  # nothing stands before the picture
     bench.redraw()

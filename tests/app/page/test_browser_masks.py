@@ -45,12 +45,12 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
         page.keyboard.press("x")
         eventually(lambda: brushes.brush.value == "not hand")
         with WireClient(bench.url):
-            eventually(lambda: len(bench.server.get_clients()) == 2)
-            other = bench.server.get_clients()[max(bench.server.get_clients())]
+            eventually(lambda: len(bench.page.clients) == 2)
+            painter, other = bench.page.clients.values()
             bench.stage.look("cam1", other)
             assert bench.stage._marking, "its look is its own"
         view.press("Done painting")
-        eventually(lambda: not bench.page.modal, "letters mean what they did")
+        eventually(lambda: painter.modal is None, "letters mean what they did")
         eventually(lambda: not bench.stage._marking)
         bench.page.travel(back=True)
         corrections = bench.worker.document.run.session.view("cam0").corrections  # type: ignore[union-attr]

@@ -74,7 +74,7 @@ class Witness:
         if stage.pose is None or stage.cameras is None:
             return
         frame = stage.pose.frame
-        for screen in stage.looking._screens.values():
+        for screen in stage.looking._screens:
             if screen.image.visible:
                 grey = round(float(np.median(screen.image.image)) / 10)  # as the fake camera has it
                 self.wrong += [f"behind the hand of {frame}: {grey}"] * (grey != frame)
@@ -116,7 +116,7 @@ def bench(tmp_path, monkeypatch):
 
 def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, wire, page):
     sees = Witness(bench, wire)
-    bench.stage.looking.set_paint(page.number, "plain")
+    bench.stage.looking.set_paint(page.client, "plain")
     page.press("Camera view: front")
     eventually(lambda: bench.stage.looking.anyone)
     bench.engine.track(0, FRAMES, 3)
@@ -139,7 +139,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
     eventually(lambda: bench.stage.pose.frame == 4)
 
     def pictured():
-        screen = bench.stage.looking._screens.get(page.number)
+        screen = page.client.screen
         return screen and screen.image.visible and screen.frame == 4
 
     eventually(pictured)
@@ -150,9 +150,8 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
 
 def test_a_picture_of_a_frame_that_was_left_is_not_shown(bench, page):
     page.press("Camera view: front")
-    of_page = lambda: bench.stage.looking._screens.get(page.number)  # noqa: E731
-    eventually(lambda: of_page() and of_page().image.visible)
-    screen = of_page()
+    screen = eventually(lambda: page.client.screen)
+    eventually(lambda: screen.image.visible)
     bench.stage.moments.show(screen.frame + 1)
     black = np.zeros((72, 96, 3), np.uint8)
     late = snapshots.PictureSnapshot(screen.frame, screens={screen.picture: black})

@@ -22,7 +22,7 @@ def _pose(bench):
 def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, page):
     """It comes under the pointer as deep as it was, and turns about the line of sight to its middle."""
     page.press("Camera view: front")
-    eventually(lambda: page.number in bench.stage.grips._grips)
+    eventually(lambda: page.client.grip)
     before, session, card = _pose(bench), bench.stage.session, page.view.card
     bone = session.bone_names.index("ring_metacarpal")
     palm = before.centre[list(session.ellipsoid_bone).index(bone)]
@@ -149,8 +149,7 @@ def test_what_is_not_of_this_hand_is_not_held_and_a_drag_that_tells_nothing_chan
 
 def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(bench, page):
     page.press("Camera view: front")
-    grips = bench.stage.grips
-    eventually(lambda: page.number in grips._grips)
+    eventually(lambda: page.client.grip)
     pose, session = bench.stage.pose, bench.stage.session
     tip = pose.joints[session.joint_names.index("index_tip")]
     aim = tip + 0.02 * page.view.card.rotation[0]
@@ -171,7 +170,7 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(be
     page.press("Remove the last pin")
     eventually(lambda: not bench.stage.pose.pins)
     page.press("Orbit view")
-    eventually(lambda: page.number not in grips._grips, "free views turn by a drag")
+    eventually(lambda: not page.client.grip, "free views turn by a drag")
 
 
 def test_a_body_s_pose_is_not_pasted_into_a_hand(bench, page):

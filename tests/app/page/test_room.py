@@ -5,7 +5,7 @@ import json
 import pytest
 
 from handtrack_app.page.help import TOUR
-from handtrack_app.page.panels.view import LIGHT, Taste
+from handtrack_app.page.panels.view import LIGHT, Taste, read_taste
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
 from tests.app.wire import Browser, WireClient, said
@@ -39,7 +39,7 @@ def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench, pa
     page.press("Light or dark")
 
     def kept():  # the newest: those that wait to be sent are merged
-        return [Taste.read(k["value"]) for k in said(one, "LocalStorageSetItemMessage")[-1:]]
+        return [read_taste(k["value"]) for k in said(one, "LocalStorageSetItemMessage")[-1:]]
 
     eventually(lambda: kept() == [Taste(True, LIGHT)])
     page.press("Hide or show the panel")
@@ -50,7 +50,7 @@ def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench, pa
 
 @pytest.mark.parametrize("kept", [None, "", "{", "[]", "7", '{"folded": 3}', '{"folded": true}'])
 def test_what_is_none_of_ours_is_forgotten(kept):
-    assert Taste.read(kept) is None
+    assert read_taste(kept) is None
 
 
 def test_no_key_is_given_twice_or_to_viser(bench):

@@ -151,9 +151,7 @@ def test_a_session_whose_cameras_look_down_has_a_view(overlooked):
 
 def test_a_page_sees_all_cameras_until_it_looks_elsewhere(bench, page):
     page.press("See the hand in all cameras")
-    close_ups = bench.stage.looking.close_ups
-    eventually(lambda: page.number in close_ups._opened)
-    _, shown = close_ups._opened[page.number]
+    _, shown = eventually(lambda: page.client.close_ups)
     eventually(lambda: shown.content.count("<img") == 2 and "side" in shown.content)
     assert {one for one in bench.stage.wanted()["want_pictures"][2] if one[1] == CLOSE} == {
         ("front", CLOSE), ("side", CLOSE),
@@ -161,7 +159,7 @@ def test_a_page_sees_all_cameras_until_it_looks_elsewhere(bench, page):
     page.press("Camera view: side")
     eventually(lambda: page.view)
     assert page.view.card.name == "side"
-    assert page.number not in close_ups._opened
+    assert page.client.close_ups is None
     eventually(lambda: CLOSE not in str(bench.stage.wanted()["want_pictures"]))
 
 
@@ -236,9 +234,8 @@ def test_a_camera_chosen_while_a_free_view_is_sought_stays(bench, monkeypatch, w
         return sought(*given)
 
     monkeypatch.setattr(stage, "hand_view", hand_view)
-    client = bench.server.get_clients()[page.number]
-    bench.stage.look(None, client)
-    client.scene.add_frame("/after")
+    bench.stage.look(None, page.client)
+    page.client.handle.scene.add_frame("/after")
     eventually(lambda: "/after" in str(wire.messages))
     assert_allclose(page.told("SetCameraPositionMessage"), page.view.card.centre)
 

@@ -13,7 +13,7 @@ import viser
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack_app.page.html import chip, escaped, line, picture, pictures, rgb, table, text
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Client, Page, put
 from handtrack_app.page.panels.settings import Box, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
 from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, SessionSnapshot
@@ -141,7 +141,7 @@ class CloudPanel:
         """Change settings of [clouds]."""
         self.page.engine.set_clouds(values)
 
-    def _mark(self, camera: str, client: viser.ClientHandle, marked: Callable[..., None]) -> None:
+    def _mark(self, camera: str, client: Client, marked: Callable[..., None]) -> None:
         """Have a box dragged over a camera's image; the large picture would stand before it."""
         self._show("cloud_wide", False)
         self.wide.value = False
@@ -293,7 +293,7 @@ class SkinControls:
                 "Uses every camera and frame that you painted in the Masks tab.",
             )  # fmt: skip
 
-    def _drag(self, client: viser.ClientHandle) -> None:
+    def _drag(self, client: Client) -> None:
         self.mark(str(self.camera.value), client, self.take)
 
     def _resize(self, size: float) -> None:

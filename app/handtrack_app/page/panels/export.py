@@ -9,7 +9,7 @@ import viser
 
 from handtrack.export.registry import AXES, FORMATS, ExportFormat
 from handtrack_app.page.html import escaped
-from handtrack_app.page.page import Page
+from handtrack_app.page.page import Client, Page
 from handtrack_app.protocol.snapshots import Download
 
 _AS_RECORDED = "as recorded"
@@ -35,7 +35,7 @@ class ExportPanel:
                 hint="The axis of the calibration's world that points up. Where a file format has an up axis of its own, the motion is rotated to stand upright.",
             )
             page.button(
-                "First-frame pose (JSON)", lambda client: page.engine.export("init", client.client_id), "download",
+                "First-frame pose (JSON)", lambda client: page.engine.export("init", client.handle.client_id), "download",
                 "Downloads the pose you see as init.json. The session stays as it is.", by_page=True,
             )  # fmt: skip
             for group in dict.fromkeys(known.group for known in FORMATS):
@@ -46,16 +46,15 @@ class ExportPanel:
                             act = partial(self._download, known)
                             page.button(card_words(known), act, "download", by_page=True)
 
-    def _download(self, known: ExportFormat, client: viser.ClientHandle) -> None:
+    def _download(self, known: ExportFormat, client: Client) -> None:
         axis = self.up.value if known.up and self.up.value != _AS_RECORDED else ""
-        self.page.engine.export(known.name, client.client_id, axis)
+        self.page.engine.export(known.name, client.handle.client_id, axis)
 
     def deliver(self, download: Download) -> None:
         """Send a file to the client that asked for it."""
-        client = self.page.server.get_clients().get(download.client_id)
-        if client is not None:
+        if (client := self.page.clients.get(download.client_id)) is not None:
             self.delivered += 1
-            client.send_file_download(download.name, download.data, save_immediately=True)
+            client.handle.send_file_download(download.name, download.data, save_immediately=True)
             size = len(download.data) / 1024
             self.page.notify(
                 "done", "Exported", f"{download.name}, {size:.0f} kB, is in your downloads.", client

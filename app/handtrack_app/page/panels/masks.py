@@ -14,7 +14,7 @@ import viser
 from handtrack.setting import Setting
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, sheet, text
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Client, Page, put
 from handtrack_app.page.panels.settings import SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
@@ -97,10 +97,9 @@ class MaskPanel:
         named = self._named()
         return next((c for c in self.card.cameras if c.name == named), self.card.cameras[0])
 
-    def _one_camera(self, client: viser.ClientHandle) -> str:
+    def _one_camera(self, client: Client) -> str:
         """Return the camera that is meant where there can be one only: chosen, or looked through, or the first."""
-        through = self.page.state.look(client.client_id).through
-        return self._named() or through or self._shown_camera().name
+        return self._named() or client.through or self._shown_camera().name
 
     def _show_chosen(self) -> None:
         camera = self._shown_camera()
@@ -130,7 +129,7 @@ class MaskPanel:
         self._show_masks(True)
         self.page.engine.set_masks(camera, {name: value})
 
-    def _drag(self, what: str, client: viser.ClientHandle) -> None:
+    def _drag(self, what: str, client: Client) -> None:
         camera = self._one_camera(client)
 
         def marked(box: tuple[int, int, int, int]) -> None:
@@ -235,12 +234,12 @@ class CorrectingWidgets:
         self,
         page: Page,
         stage: Stage,
-        camera: Callable[[viser.ClientHandle], str],
+        camera: Callable[[Client], str],
         named: Callable[[], str],
     ) -> None:
         """camera: the one that a user means; named: the one chosen in the tab, empty for all."""
         self.page, self.stage, self.camera, self.named = page, stage, camera, named
-        self._painter: viser.ClientHandle | None = None
+        self._painter: Client | None = None
         self._strokes = count(1)
         self._stroke, self._last = 0, None
         self.brushes = {page.phrase(words): brush for words, brush in _BRUSHES.items()}
@@ -278,29 +277,29 @@ class CorrectingWidgets:
         lines = "<br>".join(f"{html.escape(n)}: {html.escape(w)}" for n, w in corrected.items())
         put(self.words, content=text(lines))
 
-    def _begin(self, client: viser.ClientHandle) -> None:
+    def _begin(self, client: Client) -> None:
         self.stage.paint_on(self.camera(client), client, _TASK, self._pointed)
         self._show_painting(client)
 
-    def _end(self, client: viser.ClientHandle) -> None:
-        self.stage.look(self.page.state.look(client.client_id).through, client)
+    def _end(self, client: Client) -> None:
+        self.stage.look(client.through, client)
 
-    def _show_painting(self, painter: viser.ClientHandle | None) -> None:
+    def _show_painting(self, painter: Client | None) -> None:
         """Take who paints; nobody does any more, for None."""
         before, self._painter = self._painter, painter
         put(self.paint, visible=painter is None)
         put(self.done, visible=painter is not None)
         if before is not None:
-            self.page.modal.pop(before.client_id, None)
+            before.modal = None
             _send_brush(before, 0.0)
         if painter is not None:
-            self.page.modal[painter.client_id] = self._swapped
+            painter.modal = self._swapped
             self._show_brush()
 
     def _show_brush(self) -> None:
         """Draw the brush as a circle about the pointer, in its size over the image."""
         client = self._painter
-        card = None if client is None else self.stage.looking.card(client.client_id)
+        card = None if client is None else self.stage.looking.card(client)
         if client is not None and card is not None:
             _send_brush(client, self.radius.value / float(card.matrix[1, 1]))
 
@@ -323,7 +322,7 @@ class CorrectingWidgets:
         radius = float(self.radius.value)
         self.page.engine.paint_mask(frame, camera, brush, points, radius, str(self._stroke))
 
-    def _drop(self, client: viser.ClientHandle) -> None:
+    def _drop(self, client: Client) -> None:
         self.page.engine.drop_correction(self.page.state.frame, self.camera(client))
 
     def _carry(self) -> None:
@@ -331,6 +330,6 @@ class CorrectingWidgets:
         self.page.engine.carry_masks(frame, self.named(), before, behind)
 
 
-def _send_brush(client: viser.ClientHandle, tangent: float) -> None:
+def _send_brush(client: Client, tangent: float) -> None:
     """Show a page the brush. tangent: of the angle from its middle to its edge, seen from the camera; 0: none."""
-    internals.run_javascript(client, f"document.body.dataset.brush = {tangent:.6f}")
+    internals.run_javascript(client.handle, f"document.body.dataset.brush = {tangent:.6f}")

@@ -14,7 +14,7 @@ from handtrack.arrays import number_runs
 from handtrack.diagnostics.review import ReviewInterval
 from handtrack.store.spans import Span
 from handtrack_app.page.html import bar, card, picture, text
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Client, Page, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import TrackingPanel
 from handtrack_app.protocol.snapshots import CloseSnapshot, Notice, TimelineSnapshot
@@ -291,7 +291,7 @@ def here_words(frame: int, accepted: bool, interval: ReviewInterval | None) -> s
 # ---- The one next step of the work, over the timeline
 
 
-Step = tuple[str, str, Callable[[viser.ClientHandle], None]]
+Step = tuple[str, str, Callable[[Client], None]]
 """words (plain; empty where the button says it all), the button's label, and what it does"""
 
 
@@ -369,7 +369,7 @@ class NextStep:
             else ("", "Export …", lambda client: self.page.open_tab(client, "More", "Export"))
         )
 
-    def _review(self, client: viser.ClientHandle) -> None:
+    def _review(self, client: Client) -> None:
         self.page.open_tab(client, "Review", "Queue")
         self.review.visit(0)
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import html
 import json
-import threading
 from collections.abc import Callable
-from dataclasses import InitVar, asdict, dataclass, field, replace
+from dataclasses import InitVar, asdict, dataclass, replace
 from functools import partial
 
 import viser
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import bar, bordered, sheet
-from handtrack_app.page.page import Page, put, remembered
+from handtrack_app.page.page import Client, Page, Taste, put, remembered
 from handtrack_app.page.panels.tracking import progress_words
-from handtrack_app.page.scene.looking import ALL, Looking, Through
+from handtrack_app.page.scene.looking import ALL, CameraView, Looking
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
@@ -130,34 +129,31 @@ class SessionPanel:
             put(self.sheet, content=sheet(made.frame, made.thumbnails))
         put(self.sheet, visible=wanted)
 
-    def _look(self, client: viser.ClientHandle, chosen: str) -> None:
+    def _look(self, client: Client, chosen: str) -> None:
         self.stage.look({FREE: None, TOGETHER: ALL}.get(chosen, chosen), client)
 
-    def _show_look(
-        self, camera: str | None, client: viser.ClientHandle, everything: bool = False
-    ) -> None:
+    def _show_look(self, camera: str | None, client: Client, everything: bool = False) -> None:
         word = {None: FREE, ALL: TOGETHER}.get(camera, str(camera))
-        internals.show_value(client, self.through, word)
+        internals.show_value(client.handle, self.through, word)
         self.stage.look(camera, client, everything)
 
-    def _paint(self, client: viser.ClientHandle, chosen: str) -> None:
+    def _paint(self, client: Client, chosen: str) -> None:
         """Paint over what a page looks through, and over the small pictures of all."""
         paint, state = _PAINT_WORDS[chosen], self.page.state
-        self.stage.looking.set_paint(client.client_id, paint)
+        self.stage.looking.set_paint(client, paint)
         state.display.paint = "plain" if paint == "mask" else paint
         self.page.redraw()
 
-    def _next_paint(self, client: viser.ClientHandle) -> None:
+    def _next_paint(self, client: Client) -> None:
         """Take the next overlay."""
-        now = self.page.state.look(client.client_id).paint
         options = list(_PAINT_WORDS.values())
-        chosen = list(_PAINT_WORDS)[(options.index(now) + 1) % len(options)]
-        internals.show_value(client, self.paint, chosen)
+        chosen = list(_PAINT_WORDS)[(options.index(client.paint) + 1) % len(options)]
+        internals.show_value(client.handle, self.paint, chosen)
         self._paint(client, chosen)
 
-    def leave(self, client: viser.ClientHandle) -> None:
+    def leave(self, client: Client) -> None:
         """Go from a camera's view to the free one."""
-        if self.page.state.look(client.client_id).through is not None:
+        if client.through is not None:
             self._show_look(None, client)
 
 
@@ -215,22 +211,13 @@ if (!localStorage.getItem(key)) localStorage.setItem(key, JSON.stringify({
 """a browser that remembers nothing takes the system's colours"""
 
 
-@dataclass(frozen=True)
-class Taste:
-    """What a user wants of a page."""
-
-    folded: bool = False
-    """the panel is hidden"""
-    colours: str = DARK
-
-    @classmethod
-    def read(cls, kept: str | None) -> Taste | None:
-        """Return what a browser kept, None for nothing, or for what is none of ours."""
-        try:
-            values = json.loads(kept or "")
-            return cls(values["folded"] is True, LIGHT if values["colours"] == LIGHT else DARK)
-        except (ValueError, KeyError, TypeError):
-            return None
+def read_taste(kept: str | None) -> Taste | None:
+    """Return what a browser kept, None for nothing, or for what is none of ours."""
+    try:
+        values = json.loads(kept or "")
+        return Taste(values["folded"] is True, LIGHT if values["colours"] == LIGHT else DARK)
+    except (ValueError, KeyError, TypeError):
+        return None
 
 
 def colours(gui: viser.GuiApi, chosen: str = DARK) -> None:
@@ -244,7 +231,7 @@ def colours(gui: viser.GuiApi, chosen: str = DARK) -> None:
 def welcome(client: viser.ClientHandle, apply: Callable[[Taste], None]) -> None:
     """Lay a page out as its browser remembers; one that remembers nothing has the system's colours."""
     internals.run_javascript(client, SYSTEM)
-    remembered(client, KEPT_AS, lambda kept: (taste := Taste.read(kept)) and apply(taste))
+    remembered(client, KEPT_AS, lambda kept: (taste := read_taste(kept)) and apply(taste))
 
 
 @dataclass
@@ -252,45 +239,39 @@ class Room:
     """The pages' tastes."""
 
     page: Page
-    tastes: dict[int, Taste] = field(default_factory=dict)
-    _lock: threading.RLock = field(default_factory=threading.RLock)
 
     def __post_init__(self) -> None:
         """Add the keys."""
         self.page.key("Hide or show the panel", "T", self.fold, by_page=True)
         self.page.key("Light or dark", "", self.turn_light, by_page=True)
 
-    def welcome(self, client: viser.ClientHandle) -> None:
+    def welcome(self, client: Client) -> None:
         """Lay a page out as its browser remembers; else in the system's colours."""
-        welcome(client, lambda taste: self._apply(client, taste))
+        welcome(client.handle, partial(self._apply, client))
 
-    def fold(self, client: viser.ClientHandle, folded: bool | None = None) -> None:
+    def fold(self, client: Client) -> None:
         """Hide the panel, or show a hidden one."""
-        before = self.tastes.get(client.client_id, Taste()).folded
-        self.change(client, folded=not before if folded is None else folded)
+        self.change(client, folded=not client.taste.folded)
 
-    def change(self, client: viser.ClientHandle, **values: object) -> None:
+    def change(self, client: Client, **values: object) -> None:
         """Change a taste, and let the browser remember it."""
-        with self._lock:  # two keys on two threads: what is remembered last has both
-            taste = replace(self.tastes.get(client.client_id, Taste()), **values)
+        with client.lock:  # two keys on two threads: what is remembered last has both
+            taste = replace(client.taste, **values)
             self._apply(client, taste)
-            client.local_storage.set_item(KEPT_AS, json.dumps(asdict(taste)))
+            client.handle.local_storage.set_item(KEPT_AS, json.dumps(asdict(taste)))
 
-    def turn_light(self, client: viser.ClientHandle) -> None:
+    def turn_light(self, client: Client) -> None:
         """Change between light and dark."""
-        now = self.tastes.get(client.client_id, Taste()).colours
-        self.change(client, colours=LIGHT if now == DARK else DARK)
+        self.change(client, colours=LIGHT if client.taste.colours == DARK else DARK)
 
-    def _apply(self, client: viser.ClientHandle, taste: Taste) -> None:
-        with self._lock:
-            self.tastes = self.page.present(self.tastes)
-            before = self.tastes.get(client.client_id, Taste())
-            self.tastes[client.client_id] = taste
+    def _apply(self, client: Client, taste: Taste) -> None:
+        with client.lock:
+            before, client.taste = client.taste, taste
             gui = self.page.gui
             if taste.folded != before.folded:
-                internals.fold_panel(client, gui, gui.main_panel, taste.folded)
+                internals.fold_panel(client.handle, gui, gui.main_panel, taste.folded)
             if taste.colours != before.colours:
-                colours(client.gui, taste.colours)
+                colours(client.handle.gui, taste.colours)
 
 
 # ---- What a user does with a view through a camera: keys and buttons; and a line that says how the picture is seen
@@ -306,13 +287,12 @@ class ZoomKeys:
 
     page: Page
     looking: Looking
-    _lines: dict[int, viser.GuiHtmlHandle] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
         views, phrase = self.looking.views, self.page.phrase
         views.changed = self._notify
-        acts: dict[str, Callable[[viser.ClientHandle], None]] = {}
+        acts: dict[str, Callable[[Client], None]] = {}
         for label, key, words, act in (
             (phrase("{Kind}"), "C", "View: the {kind}, and back into the camera", views.to_hand),
             ("In", "Z", "View: nearer", lambda client: views.zoom_by(client, _STEP)),
@@ -324,20 +304,17 @@ class ZoomKeys:
         buttons = self.page.gui.add_button_group("Zoom", tuple(acts), hint=phrase(_HINT))
         self.page.own(buttons, lambda client, what: acts[what](client))
 
-    def _notify(self, client: viser.ClientHandle, view: Through | None) -> None:
-        line = self._lines.get(client.client_id)
-        if view is None:
-            self._lines.pop(client.client_id, None)
-            if line is not None:
-                line.remove()
-            return
-        self._lines = self.page.present(self._lines)
-        if line is None:
-            line = self._lines[client.client_id] = client.gui.add_html("", order=0.5)
-        put(line, content=self.page.phrase(view_words(view)))
+    def _notify(self, client: Client) -> None:
+        line, view = client.view_line, client.view
+        if view is not None:
+            client.view_line = line = line or client.handle.gui.add_html("", order=0.5)
+            put(line, content=self.page.phrase(view_words(view)))
+        elif line is not None:
+            client.view_line = None
+            line.remove()
 
 
-def view_words(view: Through) -> str:
+def view_words(view: CameraView) -> str:
     """Return the line about a view."""
     name = html.escape(view.card.name)
     words, colour = f"<b>{name}</b>, {view.zoom.times:.1f} ×", "#56b4e9"

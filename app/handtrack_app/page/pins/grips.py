@@ -5,12 +5,10 @@ along; in a free view without the handle, Shift and a drag pull a joint or a seg
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -24,7 +22,7 @@ from handtrack.geometry.rotation import (
     rotation_vector,
 )
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Client, Page, put
 from handtrack_app.page.scene.model_view import add_batch, ball, unturned
 from handtrack_app.page.scene.zoom import Pixel, ray_pixel
 from handtrack_app.protocol.palette import CONTRADICTED, PIN
@@ -35,9 +33,6 @@ from handtrack_app.protocol.snapshots import (
     PoseSnapshot,
     SessionSnapshot,
 )
-
-if TYPE_CHECKING:
-    from handtrack_app.viser_internals import DragButton, KeyModifier
 
 _GRIP, _FREE_GRIP = "/grips/flesh", "/grips/free"
 """of who looks through a camera, and of who looks freely"""
@@ -53,20 +48,17 @@ class Grips:
     """Each page has grips of its own, unseen, which follow the hand that is drawn for all: what is drawn takes no drags."""
 
     def __init__(
-        self, page: Page, card_of: Callable[[int | None], Camera | None], session: SessionSnapshot, pose: PoseSnapshot
+        self, page: Page, card_of: Callable[[Client], Camera | None], session: SessionSnapshot, pose: PoseSnapshot
     ) -> None:  # fmt: skip
         """card_of: the camera that a client looks through."""
         self._page, self._card_of = page, card_of
         self._session, self._pose = session, pose
-        self._grips: dict[int, viser.BatchedMeshHandle] = {}
-        self._drags: dict[int, Drag] = {}
         self._count = 0
         self.by_images = True
         """what was seen holds the rest of the hand while a joint is dragged; else it changes least"""
         self.clicked: Callable[[str], None] = lambda bone: None
         """told of a bone that was clicked"""
         self._marks = PinMarks(page)
-        self._lock = threading.RLock()  # a redraw comes by any thread of viser
         self.freely = False
         """who looks freely can take hold, too, with Shift: a drag alone turns the view. Not while the handle is shown: whatever can be
         dragged takes the pointer from what it hides, the handle's arrows too
@@ -76,8 +68,8 @@ class Grips:
         """Take the model of a session."""
         before, self._session = self._session, session
         if before.model != session.model:
-            with self._lock:
-                self._let_go(list(self._grips))
+            for client in self._page.clients.values():
+                _let_go(client)
 
     def show(self, pose: PoseSnapshot) -> None:
         """Follow a pose."""
@@ -90,43 +82,35 @@ class Grips:
 
     def place(self) -> None:
         """Stand grips where the hand is, for those who can take hold of it."""
-        with self._lock:
-            here, pose = self._page.server.get_clients(), self._pose
-            looking = {n: _GRIP for n in here if self._card_of(n) is not None}
-            wanted = (dict.fromkeys(here, _FREE_GRIP) if self.freely else {}) | looking
-            self._let_go([n for n, grip in self._grips.items() if grip.name != wanted.get(n)])
-            if len(pose.centre) != len(self._session.radii):
-                return
-            places = np.concatenate([pose.centre, pose.joints]).astype(np.float32)
-            turns = unturned(len(places))
-            turns[: len(pose.centre)] = quaternion_wxyz(pose.rotation)
-            for number, name in wanted.items():
-                if number not in self._grips:
-                    self._grips[number] = self._add(here[number], name)
-                grip = self._grips[number]
+        pose = self._pose
+        places = np.concatenate([pose.centre, pose.joints]).astype(np.float32)
+        turns = unturned(len(places))
+        turns[: len(pose.centre)] = quaternion_wxyz(pose.rotation)
+        for client in self._page.clients.values():
+            with client.lock:  # a redraw comes by any thread of viser
+                free = _FREE_GRIP if self.freely else None
+                name = free if self._card_of(client) is None else _GRIP
+                if client.grip is not None and client.grip.name != name:
+                    _let_go(client)
+                if name is None or len(pose.centre) != len(self._session.radii):
+                    continue
+                client.grip = grip = client.grip or self._add(client, name)
                 grip.batched_positions, grip.batched_wxyzs = places, turns
 
-    def _let_go(self, numbers: list[int]) -> None:
-        for number in numbers:
-            grip = self._grips.pop(number, None)
-            self._drags.pop(number, None)
-            if grip is not None:
-                with suppress(RuntimeError):  # its page has gone
-                    grip.remove()
-
-    def _add(self, client: viser.ClientHandle, name: str) -> viser.BatchedMeshHandle:
+    def _add(self, client: Client, name: str) -> viser.BatchedMeshHandle:
         session = self._session
         joints = np.full((len(session.joint_names), 3), _POINT_M)
         grip = add_batch(
-            client.scene, name, ball(10, 14), np.concatenate([session.radii, joints]), opacity=_UNSEEN, cast_shadow=False,
+            client.handle.scene, name, ball(10, 14), np.concatenate([session.radii, joints]), opacity=_UNSEEN, cast_shadow=False,
             receive_shadow=False,
         )  # fmt: skip
-        self._listen(grip, "left", "shift")
+        turned = partial(self._dragged, client, True)
+        grip.on_drag("left", modifier="shift")(turned)
         if name == _FREE_GRIP:
             return grip
-        name_holds(client, session, name)
-        self._listen(grip, "left")
-        self._listen(grip, "right")
+        name_holds(client.handle, session, name)
+        grip.on_drag("left")(partial(self._dragged, client, False))
+        grip.on_drag("right")(turned)
 
         @grip.on_click
         def _(event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:
@@ -137,45 +121,31 @@ class Grips:
 
         return grip
 
-    def _listen(
-        self, node: viser.BatchedMeshHandle, button: DragButton, modifier: KeyModifier | None = None
-    ) -> None:
-        turns = button == "right" or modifier == "shift"
+    # ---- drags: in order, on viser's loop, a little arithmetic, and sent on
 
-        # in order, on viser's loop: a little arithmetic, and sent on
-        async def dragged(event: Event) -> None:
-            self._dragged(event, turns)
-
-        node.on_drag(button, modifier=modifier)(dragged)
-
-    # ---- drags
-
-    def _dragged(self, event: Event, turns: bool) -> None:
-        number = event.client.client_id
+    async def _dragged(self, client: Client, turns: bool, event: Event) -> None:
         end = np.asarray(event.end_position, dtype=float)
         if event.phase == "start":
-            drag = self._begun(event, turns)
-            if drag is not None:
-                self._drags[number] = drag
-        drag = self._drags.get(number)
+            client.drag = self._begun(client, event, turns) or client.drag
+        drag = client.drag
         if event.phase == "end":
-            self._drags.pop(number, None)
+            client.drag = None
         rests = event.phase == "start" and event.start_screen_pos == event.end_screen_pos
         if drag is not None and np.isfinite(end).all() and not rests:
             drag(end)
 
-    def _begun(self, event: Event, turns: bool) -> Drag | None:
+    def _begun(self, client: Client, event: Event, turns: bool) -> Drag | None:
         """Return what is taken hold of; None where nothing can be: nobody drags what is only looked at."""
-        session, pose, number = self._session, self._pose, event.client.client_id
+        session, pose = self._session, self._pose
         start = np.asarray(event.start_position, dtype=float)
         if pose.origin == BEFORE or not np.isfinite(start).all():
             return None
         self._count += 1
-        tag, card = f"drag {number}.{self._count}", self._card_of(number)
+        tag, card = f"drag {self._count}", self._card_of(client)
         root = np.array(pose.values[:6])
         if card is not None and turns:
             return partial(self._move, tag, WholeDrag(card, root, pose.middle, start, True))
-        eye = card or view_card(event.client.camera)
+        eye = card or view_card(client.handle.camera)
         index = ellipsoid_at(session, pose, start)
         hold = None if index is None else hold_at(session, pose, eye, index, start)
         if hold is None:
@@ -204,6 +174,14 @@ class Grips:
             self._page.engine.set_pin(
                 state.frame, card.name, pixel, version, hold, self.by_images, tag
             )
+
+
+def _let_go(client: Client) -> None:
+    with client.lock:
+        grip, client.grip, client.drag = client.grip, None, None
+        if grip is not None:
+            with suppress(RuntimeError):  # its page has gone
+                grip.remove()
 
 
 # ---- What a pointer takes hold of in a camera's picture: a joint where it is near one, else the point of a segment under it

@@ -16,7 +16,7 @@ from handtrack.geometry.rotation import (
     rotation_matrix,
     rotation_vector,
 )
-from handtrack_app.page.page import Page
+from handtrack_app.page.page import Client, Page
 from handtrack_app.page.pins.grips import ROOT
 
 RootEdit = Callable[[dict[str, float], str, str, bool], None]
@@ -96,21 +96,21 @@ class GrabKeys:
         ):
             self.page.key(words, key, partial(self._begin, key), by_page=True)
 
-    def _begin(self, kind: str, client: viser.ClientHandle) -> None:
+    def _begin(self, kind: str, client: Client) -> None:
         self._kind, self._axis = kind, ""
         self._was_shown = self.page.state.display.handle
-        self.page.modal[client.client_id] = partial(self._heard, client.client_id)
+        client.modal = partial(self._heard, client)
         self.page.draw("handle", True)
         self._show()
 
-    def _heard(self, client: int, key: str) -> bool:
+    def _heard(self, client: Client, key: str) -> bool:
         if key in ("X", "Y", "Z"):
             self._axis = "" if key == self._axis else key
         elif key in ("G", "R") and key != self._kind:
             self._kind, self._axis = key, ""
         elif key in (self._kind, "escape"):
             self._kind = self._axis = ""
-            del self.page.modal[client]
+            client.modal = None
             self.page.draw("handle", self._was_shown)
         else:
             return False

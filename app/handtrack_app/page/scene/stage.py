@@ -11,7 +11,7 @@ import viser
 
 from handtrack.arrays import Floats
 from handtrack.geometry.camera import Camera
-from handtrack_app.page.page import Display, Page, put
+from handtrack_app.page.page import Client, Display, Page, put
 from handtrack_app.page.pins.grips import Grips
 from handtrack_app.page.scene.camera_view import (
     CameraNames,
@@ -68,8 +68,6 @@ class Stage:
         self.moments = Moments()
         self._marking = False
         """a box is to be dragged over an image: nothing stands before it"""
-        self._marks: dict[int, Callable[[viser.SceneRectSelectEvent], None]] = {}
-        """by client: what waits for that box"""
         self.take_guess: Callable[[int], None] = lambda rank: None
         self.stopped_painting: Callable[[], None] = lambda: None
         self.names = CameraNames()
@@ -165,7 +163,7 @@ class Stage:
             "want_masks": (display.masks,),
         }
 
-    def _grasped(self, client: int | None) -> Camera | None:
+    def _grasped(self, client: Client) -> Camera | None:
         """Return the camera through which a page can take hold of the hand: not while its image is painted or marked."""
         return None if self._marking else self.looking.card(client)
 
@@ -258,7 +256,7 @@ class Stage:
         """Look at a hand that was found somewhere (3,) [m]."""
         self.cameras.size(hand)
         view = hand_view(self.session, hand)
-        for client in self.page.server.get_clients().values():
+        for client in self.page.clients.values():
             self.looking.views.look_freely(client, view)
 
     def show_cloud(self, cloud: CloudSnapshot) -> None:
@@ -273,7 +271,7 @@ class Stage:
     def look(
         self,
         camera: str | None,
-        client: viser.ClientHandle,
+        client: Client,
         everything: bool = False,
         marking: bool = False,
     ) -> None:
@@ -282,8 +280,8 @@ class Stage:
         marking: at the bare image.
         """
         self._end_mark(client)
-        paints = self.looking.heard  # another page does not end it
-        if paints == client.client_id or paints not in self.page.server.get_clients():
+        paints = self.looking.painter  # another page does not end it
+        if paints is client or paints not in self.page.clients.values():
             self._marking = marking
             self.looking.hush()
             self.stopped_painting()
@@ -293,14 +291,12 @@ class Stage:
             self.looking.views.look_freely(client, view)
         self.page.redraw()
 
-    def paint_on(
-        self, camera: str, client: viser.ClientHandle, task: str, pointed: Pointed
-    ) -> None:
+    def paint_on(self, camera: str, client: Client, task: str, pointed: Pointed) -> None:
         """Look through a camera at its mask, and tell where its image is touched, until somebody looks elsewhere. task: in words."""
         if camera not in self.cameras.cards:
             return
         self.look(camera, client, marking=True)
-        self.looking.set_paint(client.client_id, "mask")
+        self.looking.set_paint(client, "mask")
         self.page.redraw()
         self.looking.listen(client, pointed)
         self.looking.views.ask(client, task)
@@ -308,7 +304,7 @@ class Stage:
     def mark_box(
         self,
         camera: str,
-        client: viser.ClientHandle,
+        client: Client,
         over: str,
         marked: Callable[[tuple[int, int, int, int]], None],
     ) -> None:
@@ -318,10 +314,10 @@ class Stage:
         self.look(camera, client, marking=True)
         card = self.cameras.cards[camera]
 
-        @client.scene.on_rect_select()
+        @client.handle.scene.on_rect_select()
         def once(event: viser.SceneRectSelectEvent) -> None:
             self._end_mark(client)
-            if not self._marking or self.page.state.look(client.client_id).through != camera:
+            if not self._marking or client.through != camera:
                 return
             self._marking = False
             self.page.redraw()
@@ -329,14 +325,13 @@ class Stage:
             if box is not None:
                 marked(box)
 
-        self._marks[client.client_id] = once
-        self.looking.boxed.add(client.client_id)
+        client.box = once
         words = f"Drag a box over {over}. The model is hidden until then; key 0 returns to the orbit view."
         self.looking.views.ask(client, words)
 
-    def _end_mark(self, client: viser.ClientHandle) -> None:
+    def _end_mark(self, client: Client) -> None:
         """Wait for a box no more: drags move the picture again."""
-        self.looking.boxed.discard(client.client_id)
-        if (waits := self._marks.pop(client.client_id, None)) is not None:
-            client.scene.remove_rect_select_callback(waits)
+        waits, client.box = client.box, None
+        if waits is not None:
+            client.handle.scene.remove_rect_select_callback(waits)
             self.looking.views.ask(client, "")
