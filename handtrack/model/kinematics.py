@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +33,7 @@ class Frames(NamedTuple):
     reference: Floats[D3]
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class BonePoses:
     """Where every bone is, in the world."""
 

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from handtrack.arrays import D3, Array, C, Floats, Ints, N
+from handtrack.capture.clouds.cell_kernels import number_cells
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.setting import setting
@@ -286,13 +287,9 @@ def nearest_part(
 def thinned(points: Floats[N, D3], voxel_m: float, per_voxel: int = 1, seed: int = 0) -> Array[N]:
     """Return which points stay when each cell of side voxel_m keeps per_voxel random ones."""
     order = np.random.default_rng(seed).permutation(len(points))
-    cells = cell_numbers(points, voxel_m)[order]
-    by_cell = np.argsort(cells, kind="stable")
-    sorted_cells = cells[by_cell]
-    starts = np.flatnonzero(np.r_[True, sorted_cells[1:] != sorted_cells[:-1]])
-    rank = np.arange(len(points)) - np.repeat(starts, np.diff(np.r_[starts, len(points)]))
+    _, before = number_cells(cell_numbers(points, voxel_m)[order])
     keep = np.zeros(len(points), bool)
-    keep[order[by_cell[rank < per_voxel]]] = True
+    keep[order[before < per_voxel]] = True
     return keep
 
 
@@ -336,13 +333,11 @@ def _parts(points: Floats) -> Ints:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    _, first, index = np.unique(
-        cell_numbers(points, _LINK_M), return_index=True, return_inverse=True
-    )
-    cells = np.floor(points[first] / _LINK_M)
+    number, before = number_cells(cell_numbers(points, _LINK_M))
+    cells = np.floor(points[before == 0] / _LINK_M)
     pairs = KDTree(cells).query_pairs(1.0, p=np.inf, output_type="ndarray").T
     graph = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), (len(cells), len(cells)))
-    return connected_components(graph, directed=False)[1].astype(np.int64)[index]
+    return connected_components(graph, directed=False)[1].astype(np.int64)[number]
 
 
 def _nearest(points: Floats, distance: Floats, least: float, about: Array) -> tuple[Array, float]:

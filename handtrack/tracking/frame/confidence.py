@@ -131,9 +131,9 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
     the part's joints where the model has them.
     """
     worst, reason = DOUBTFUL_PART, None
-    names, parts = _parts(terms.model)
+    names, parts, joints = _parts(terms.model)
     overlaps = parts_overlap(terms.prepared, terms.model.ellipsoids["fine"], parts, bones)
-    detected = _detected(terms, names, bones)
+    detected = _detected(terms, joints, bones)
     for bone, found, by_joints in zip(names, overlaps, detected, strict=True):
         inside = np.where(found.model >= _LEAST_PART_PX, found.both / found.model.clip(1.0), 1.0)
         inside[by_joints] = 1.0
@@ -145,25 +145,20 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
     return reason
 
 
-def _detected(terms: FrameTerms, names: Sequence[str], bones: BonePoses) -> Array[N, C]:
-    """Return in which silhouettes' images each bone, and the one it hangs on, are where a detector sees all of their joints."""
-    model, skeleton = terms.model, terms.model.skeleton
-    detected = np.zeros((len(names), len(terms.prepared)), bool)
-    near = np.zeros((len(model.joint_names), len(terms.prepared)), int)  # 1 near, -1 elsewhere
+def _detected(terms: FrameTerms, joints: Ints[N, J], bones: BonePoses) -> Array[N, C]:
+    """Return in which silhouettes' images a detector sees all joints of each part, 1 in its row of `joints`, where they are."""
+    near = np.zeros((joints.shape[1], len(terms.prepared)), int)  # 1 near, -1 elsewhere
     for term, seen in terms.detected:
         joint, off = terms.misses(term, bones)
         views = [prepared.camera.name == seen.camera.name for prepared in terms.prepared]
         near[np.ix_(joint, np.flatnonzero(views))] = np.where(off < NEAR_SIGMAS, 1, -1)[:, None]
-    for row, bone in enumerate(map(skeleton.bone, names)):
-        part = near[np.isin(model.joint_bone, [bone, skeleton.parent[bone]])]
-        detected[row] = ((part > 0).sum(axis=0) >= _FEWEST_JOINTS) & (part >= 0).all(axis=0)
-    return detected
+    return (joints @ (near > 0) >= _FEWEST_JOINTS) & (joints @ (near < 0) == 0)
 
 
 @lru_cache(maxsize=8)
-def _parts(model: ArticulatedModel) -> tuple[list[str], Sequence[Ints[N]]]:
-    """Return each bone's name, and which are its ellipsoids and those of the bone it hangs on: a fingertip alone is as small
-    as a mask's errors. Without the forearm: nobody knows how much of it a sleeve hides.
+def _parts(model: ArticulatedModel) -> tuple[list[str], Sequence[Ints[N]], Ints[N, J]]:
+    """Return each bone's name, which are its ellipsoids and those of the bone it hangs on, and 1 for the joints of both: a fingertip alone
+    is as small as a mask's errors. Without the forearm: nobody knows how much of it a sleeve hides.
     """
     carrier, skeleton = model.ellipsoids["fine"].bone, model.skeleton
     kept = [int(bone) for bone in np.unique(carrier) if not model.is_forearm(bone)]
@@ -171,7 +166,8 @@ def _parts(model: ArticulatedModel) -> tuple[list[str], Sequence[Ints[N]]]:
     parts = [
         np.flatnonzero((carrier == bone) | (carrier == skeleton.parent[bone])) for bone in kept
     ]
-    return names, parts
+    joints = [np.isin(model.joint_bone, [bone, skeleton.parent[bone]]) for bone in kept]
+    return names, parts, np.array(joints, int)
 
 
 def assess(

@@ -174,6 +174,7 @@ def is_behind_hand(points: Floats[N, D3], model: ArticulatedModel, bones: BonePo
     return points @ along < (hand.centre @ along - half).min()
 
 
+@lru_cache(maxsize=4)  # for each camera the same
 def _hand(model: ArticulatedModel, bones: BonePoses) -> Ellipsoids:
     return _hand_ellipsoids(model).posed(bones)
 
