@@ -12,7 +12,6 @@ from handtrack.arrays import Floats, P, R
 from handtrack.bench.jump_polish_kernels import image_rows
 from handtrack.bench.measuring import alone
 from handtrack.sampling.diffusion import covariance_scaled, projected
-from handtrack.sampling.keypoint_kernels import workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.simulation.scenes.jump_scene import JumpScene, full_scene
 from handtrack.terms.priors.priors import GaussianPrior
@@ -79,7 +78,6 @@ class DenseKeypoints:
 
     def __init__(self, scene: JumpScene) -> None:
         self.problem = keypoint_problem(scene.model, [scene.observed])
-        self.space = workspace(self.problem)
         rows, means = [], []
         for prior in scene.priors:
             assert isinstance(prior, GaussianPrior)
@@ -102,5 +100,5 @@ class DenseKeypoints:
     def _image(self, params: Floats, want_jacobian: bool) -> tuple[Floats, Floats]:
         residual = np.empty(self.count)
         jacobian = np.empty((self.count if want_jacobian else 0, len(params)))
-        image_rows(self.problem, params, self.space, want_jacobian, residual, jacobian)
+        image_rows(self.problem, params, want_jacobian, residual, jacobian)
         return residual, jacobian

@@ -9,13 +9,13 @@ from handtrack.sampling.keypoint_kernels import place, pose
 
 
 @compiled
-def image_rows(problem, params, space, want_jacobian, residual, jacobian):  # pragma: no cover
+def image_rows(problem, params, want_jacobian, residual, jacobian):  # pragma: no cover
     """Fill residual (2 O,) and jacobian (2 O, P) at params (P,); joint parameters are solver parameters here."""
-    pose(problem, params, space)
-    row, at, axes = np.empty((2, 3)), space.position, space.axis_world
+    rotation, at, axes, root = pose(problem, params)
+    row = np.empty((2, 3))
     for k in range(problem.point.shape[0]):
         b = problem.point_bone[k]
-        x, y, z = place(problem, space, k, b)
+        x, y, z = place(problem, rotation, at, k)
         for o in range(problem.view_start[k], problem.view_start[k + 1]):
             c, scale = problem.camera[o], np.sqrt(problem.information[o])
             turn, shift = problem.camera_rotation[c], problem.camera_translation[c]
@@ -39,7 +39,7 @@ def image_rows(problem, params, space, want_jacobian, residual, jacobian):  # pr
                 d0, d1, d2 = x - at[0, 0], y - at[0, 1], z - at[0, 2]
                 t0, t1, t2 = d1 * n2 - d2 * n1, d2 * n0 - d0 * n2, d0 * n1 - d1 * n0
                 for s in range(3):
-                    lever = space.root[1][:, s]
+                    lever = root[1][:, s]
                     out[3 + s] = lever[0] * t0 + lever[1] * t1 + lever[2] * t2
                 for n in range(problem.chain_start[b], problem.chain_start[b + 1]):
                     h = problem.chain[n]

@@ -7,11 +7,8 @@ collisions only Gauss-Newton's part is added.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
 from handtrack.compiled import compiled, inlined
 from handtrack.model.kinematics import Frames
 from handtrack.model.kinematics_kernels import pose_bones, screws, turn_root, twist_columns
@@ -23,84 +20,30 @@ from handtrack.terms.loss import robust, robust_slope
 _NEAREST_M = 1e-3  # a point this close to a camera's plane counts as behind it
 
 
-class Workspace(NamedTuple):
-    """What one evaluation writes; made once, used for all starts."""
-
-    joint_params: Floats
-    rotation: Floats
-    position: Floats
-    axis_world: Floats
-    root: Floats
-    """(5, 3, 3) the root's rotation, its left Jacobian, and how that turns with the rotation vector"""
-    screw: Floats
-    """(S, 6) of each joint parameter"""
-    wrench: Floats
-    """(B, 6) gradient by a bone's twist, then of all that hangs on it"""
-    stiff: Floats
-    """(B, 6, 6) Gauss-Newton's matrix likewise"""
-    bent: Floats
-    """(B, 6, 6) the rest of the Hessian; its rows belong to the parameter nearer to the root"""
-    joint_gradient: Floats
-    joint_normal: Floats
-    """(S, S) lower triangle; pairs of which none is above the other stay zero"""
-    joint_curvature: Floats
-    collided: Ints
-    """(1,) whether the two below hold anything"""
-    bone_gradient: Floats
-    """(6B,) of collisions"""
-    bone_hessian: Floats
-    twist: Floats
-    """(B, 6, S) of each bone; needed where parts collide"""
-
-
 @compiled
-def _collision_cost(problem, space, width):  # pragma: no cover - compiled
-    """Return the cost of parts that overlap, for bones already placed; add their system in bone twists where width is 6."""
+def _collisions(problem, rotation, position, width):  # pragma: no cover - compiled
+    """Return the cost of parts that overlap, for bones already placed; and their system in bone twists where width is 6."""
+    size = width * position.shape[0]
+    sums = Sums(width, np.zeros(size), np.zeros((size, size)))
     if problem.overlaps[1].shape[0] == 0:
-        return 0.0
-    frames = Frames(space.rotation, space.position, space.position[0])
-    return collision_sums(
-        frames, problem.overlaps, Sums(width, space.bone_gradient, space.bone_hessian)
-    )
+        return 0.0, sums
+    return collision_sums(Frames(rotation, position, position[0]), problem.overlaps, sums), sums
 
 
 @compiled
-def workspace(problem):  # pragma: no cover - compiled
-    """Return a Workspace for a problem."""
+def pose(problem, params):  # pragma: no cover - compiled
+    """Place the bones of solver parameters (P,); return their rotation, position, hinges' axes, and for the root (5, 3, 3) its rotation, its
+    left Jacobian, and how that turns with the rotation vector.
+    """
     bones, hinges = problem.tree[0].shape[0], problem.tree[3].shape[0]
-    count = 6 + hinges
-    parts = bones if problem.overlaps[1].shape[0] > 0 else 0
-    return Workspace(
-        np.zeros(count),
-        np.zeros((bones, 3, 3)),
-        np.zeros((bones, 3)),
-        np.zeros((hinges, 3)),
-        np.zeros((5, 3, 3)),
-        np.zeros((count, 6)),
-        np.zeros((bones, 6)),
-        np.zeros((bones, 6, 6)),
-        np.zeros((bones, 6, 6)),
-        np.zeros(count),
-        np.zeros((count, count)),
-        np.zeros((count, count)),
-        np.zeros(1, np.int64),
-        np.zeros(6 * parts),
-        np.zeros((6 * parts, 6 * parts)),
-        np.zeros((parts, 6, count)),
-    )
-
-
-@compiled
-def pose(problem, params, space):  # pragma: no cover - compiled
-    """Place the bones of solver parameters (P,)."""
-    q, (joint, leader, ratio) = space.joint_params, problem.links
-    for s in range(q.shape[0]):
-        q[s] = 0.0
+    rotation, position = np.empty((bones, 3, 3)), np.empty((bones, 3))
+    axes, root, q = np.empty((hinges, 3)), np.empty((5, 3, 3)), np.zeros(6 + hinges)
+    joint, leader, ratio = problem.links
     for k in range(joint.shape[0]):
         q[joint[k]] += ratio[k] * params[leader[k]]
-    root = space.root
     turn_root(q[3:6], root[0], root[1], root[2:])
-    pose_bones(problem.tree, q, root[0], space.rotation, space.position, space.axis_world)
+    pose_bones(problem.tree, q, root[0], rotation, position, axes)
+    return rotation, position, axes, root
 
 
 @compiled
@@ -152,22 +95,21 @@ def _point_cost(problem, k, x, y, z):  # pragma: no cover - compiled
 
 
 @compiled
-def keypoint_cost(problem, params, space):  # pragma: no cover - compiled
+def keypoint_cost(problem, params):  # pragma: no cover - compiled
     """Return the cost at solver parameters (P,)."""
-    pose(problem, params, space)
+    rotation, position, _, _ = pose(problem, params)
     cost = prior_cost(problem, params)
     for k in range(problem.point.shape[0]):
-        b = problem.point_bone[k]
-        x, y, z = place(problem, space, k, b)
+        x, y, z = place(problem, rotation, position, k)
         cost += _point_cost(problem, k, x, y, z)
     if cost < np.inf:
-        cost += _collision_cost(problem, space, 0)
+        cost += _collisions(problem, rotation, position, 0)[0]
     return cost
 
 
 @inlined
-def place(problem, space, k, b):  # pragma: no cover - compiled
-    turn, at, p = space.rotation, space.position, problem.point
+def place(problem, turn, at, k):  # pragma: no cover - compiled
+    b, p = problem.point_bone[k], problem.point
     x = at[b, 0] + turn[b, 0, 0] * p[k, 0] + turn[b, 0, 1] * p[k, 1] + turn[b, 0, 2] * p[k, 2]
     y = at[b, 1] + turn[b, 1, 0] * p[k, 0] + turn[b, 1, 1] * p[k, 1] + turn[b, 1, 2] * p[k, 2]
     z = at[b, 2] + turn[b, 2, 0] * p[k, 0] + turn[b, 2, 1] * p[k, 1] + turn[b, 2, 2] * p[k, 2]
@@ -279,110 +221,96 @@ def _add_turning(d, f, out):  # pragma: no cover - compiled
         out[3 + i, 3 + i] -= along
 
 
-@inlined
-def _dress(problem, space, t, by_stiff, by_bent):  # pragma: no cover - compiled
-    """Fill gradient and both matrices' row of joint parameter t, from the bone it moves and those above."""
-    b, first, last = 0, 0, 0
-    if t >= 6:
-        b = problem.tree[3][t - 6]
-        first, last = problem.chain_start[b], problem.chain_start[b + 1]
-    screw, wrench = space.screw, space.wrench
-    stiff, bent = space.stiff, space.bent
-    slope = 0.0
-    for i in range(6):
-        slope += screw[t, i] * wrench[b, i]
-        x, y = 0.0, 0.0
-        for j in range(6):
-            x += stiff[b, i, j] * screw[t, j]
-            y += bent[b, i, j] * screw[t, j]
-        by_stiff[i], by_bent[i] = x, y
-    space.joint_gradient[t] = slope
-    for n in range(6 + last - first):
-        s = n if n < 6 else 6 + problem.chain[first + n - 6]
-        if s > t:
-            break
-        x, y = 0.0, 0.0
-        for i in range(6):
-            x += screw[s, i] * by_stiff[i]
-            y += screw[s, i] * by_bent[i]
-        space.joint_normal[t, s] = x
-        space.joint_curvature[t, s] = y
-
-
 @compiled
-def keypoint_system(problem, params, space, gradient, normal, curvature):  # pragma: no cover
-    """Return the cost; fill gradient (P,), Gauss-Newton matrix (P, P), and what the exact Hessian has beyond it."""
-    pose(problem, params, space)
-    parent = problem.tree[0]
-    force, arm, wrench = np.empty(3), np.empty(3), space.wrench
+def keypoint_system(problem, params):  # pragma: no cover - compiled
+    """Return the cost, gradient (P,), Gauss-Newton matrix (P, P), what the exact Hessian has beyond it, and whether parts collide."""
+    rotation, position, axes, root = pose(problem, params)
+    parent, size = problem.tree[0], params.shape[0]
+    bones, count = parent.shape[0], 6 + axes.shape[0]
+    # of each bone by its twist, then of all that hangs on it: gradient, Gauss-Newton's matrix, and the rest of the Hessian, whose rows
+    # belong to the parameter nearer to the root
+    wrench, stiff, bent = np.zeros((bones, 6)), np.zeros((bones, 6, 6)), np.zeros((bones, 6, 6))
+    gradient, normal, curvature = np.empty(size), np.empty((size, size)), np.empty((size, size))
+    force, arm = np.empty(3), np.empty(3)
     stiffness, bend, half = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    by_stiff, by_bent = np.empty(6), np.empty(6)
-    wrench[:] = 0.0
-    space.stiff[:] = 0.0
-    space.bent[:] = 0.0
     cost = 0.0
     for k in range(problem.point.shape[0]):
         b = problem.point_bone[k]
-        x, y, z = place(problem, space, k, b)
+        x, y, z = place(problem, rotation, position, k)
         cost += point_forces(problem, k, x, y, z, force, stiffness, bend)
         if not cost < np.inf:
-            return np.inf
-        arm[0] = x - space.position[0, 0]
-        arm[1] = y - space.position[0, 1]
-        arm[2] = z - space.position[0, 2]
+            return np.inf, gradient, normal, curvature, False
+        arm[0] = x - position[0, 0]
+        arm[1] = y - position[0, 1]
+        arm[2] = z - position[0, 2]
         for i in range(3):
             j, m = (i + 1) % 3, (i + 2) % 3
             wrench[b, i] += force[i]
             wrench[b, 3 + i] += arm[j] * force[m] - arm[m] * force[j]
-        _spread(arm, stiffness, half, space.stiff[b])
-        _spread(arm, bend, half, space.bent[b])
-        _add_turning(arm, force, space.bent[b])
+        _spread(arm, stiffness, half, stiff[b])
+        _spread(arm, bend, half, bent[b])
+        _add_turning(arm, force, bent[b])
     # sums over all that hangs on a bone: twists share one frame
-    for b in range(parent.shape[0] - 1, 0, -1):
+    for b in range(bones - 1, 0, -1):
         p = parent[b]
         for i in range(6):
             wrench[p, i] += wrench[b, i]
             for j in range(6):
-                space.stiff[p, i, j] += space.stiff[b, i, j]
-                space.bent[p, i, j] += space.bent[b, i, j]
-    screws(problem.tree, space.root[1], space.axis_world, space.position, space.screw)
-    g, n, c = space.joint_gradient, space.joint_normal, space.joint_curvature
-    if space.collided.sum() > 0:  # what a collision left between limbs, and in the twists
-        n[:] = 0.0
-        space.bone_gradient[:] = 0.0
-        space.bone_hessian[:] = 0.0
-        space.collided[0] = 0
-    for t in range(g.shape[0]):
-        _dress(problem, space, t, by_stiff, by_bent)
-    cost += _add_collisions(problem, space)
-    turn = space.root[2:]
+                stiff[p, i, j] += stiff[b, i, j]
+                bent[p, i, j] += bent[b, i, j]
+    # of joint parameters; of the matrices the lower triangle, zero for pairs of which none is above the other
+    screw, g = np.empty((count, 6)), np.zeros(count)
+    n, c = np.zeros((count, count)), np.zeros((count, count))
+    screws(problem.tree, root[1], axes, position, screw)
+    by_stiff, by_bent = np.empty(6), np.empty(6)
+    for t in range(count):
+        b, first, last = 0, 0, 0
+        if t >= 6:
+            b = problem.tree[3][t - 6]
+            first, last = problem.chain_start[b], problem.chain_start[b + 1]
+        for i in range(6):
+            g[t] += screw[t, i] * wrench[b, i]
+            x, y = 0.0, 0.0
+            for j in range(6):
+                x += stiff[b, i, j] * screw[t, j]
+                y += bent[b, i, j] * screw[t, j]
+            by_stiff[i], by_bent[i] = x, y
+        for k in range(6 + last - first):  # itself and the hinges above
+            s = k if k < 6 else 6 + problem.chain[first + k - 6]
+            if s > t:
+                break
+            for i in range(6):
+                n[t, s] += screw[s, i] * by_stiff[i]
+                c[t, s] += screw[s, i] * by_bent[i]
+    collision = _add_collisions(problem, rotation, position, screw, g, n)
     for i in range(3):  # the root's rotation vector: its axes J e_j turn with it
         for j in range(i + 1):
             for m in range(3):
-                c[3 + i, 3 + j] += turn[i, m, j] * wrench[0, 3 + m]
-    _pull_back(problem, params, space, gradient, normal, curvature)
-    return cost + prior_cost(problem, params)
+                c[3 + i, 3 + j] += root[2 + i, m, j] * wrench[0, 3 + m]
+    _pull_back(problem, params, (g, n, c), gradient, normal, curvature)
+    cost += collision
+    return cost + prior_cost(problem, params), gradient, normal, curvature, collision > 0.0
 
 
 @compiled
-def _add_collisions(problem, space):  # pragma: no cover - compiled
+def _add_collisions(problem, rotation, position, screw, g, n):  # pragma: no cover - compiled
     """Return the cost of parts that overlap; add to the joint gradient (S,) and Gauss-Newton matrix (lower triangle)."""
-    cost = _collision_cost(problem, space, 6)
+    cost = _collisions(problem, rotation, position, 0)[0]
     if cost > 0.0:
-        space.collided[0] = 1
-        twist_columns(problem.tree, space.screw, space.twist)
-        g, h = pull_back(Sums(6, space.bone_gradient, space.bone_hessian), space.twist)
+        twist = np.zeros((position.shape[0], 6, g.shape[0]))
+        twist_columns(problem.tree, screw, twist)
+        by_joint, h = pull_back(_collisions(problem, rotation, position, 6)[1], twist)
         for s in range(g.shape[0]):
-            space.joint_gradient[s] += g[s]
+            g[s] += by_joint[s]
             for t in range(s + 1):
-                space.joint_normal[s, t] += h[s, t]
+                n[s, t] += h[s, t]
     return cost
 
 
 @compiled
-def _pull_back(problem, params, space, gradient, normal, curvature):  # pragma: no cover
+def _pull_back(problem, params, joint_sums, gradient, normal, curvature):  # pragma: no cover
     """Bring joint parameters' sums to solver parameters and add the priors."""
-    g, n, c = space.joint_gradient, space.joint_normal, space.joint_curvature
+    g, n, c = joint_sums
     (joint, leader, ratios), size = problem.links, params.shape[0]
     for p in range(size):
         slope = problem.prior_gradient[p]

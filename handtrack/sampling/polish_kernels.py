@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.compiled import compiled
-from handtrack.sampling.keypoint_kernels import keypoint_cost, keypoint_system, workspace
+from handtrack.sampling.keypoint_kernels import keypoint_cost, keypoint_system
 from handtrack.solver.limited_step_kernels import (
     clip,
     fill_box,
@@ -37,17 +37,15 @@ _ROUNDING = 1e-13  # a share of the cost that cannot be told from rounding
 
 
 @compiled
-def _difference(problem, params, space, normal, curvature):  # pragma: no cover - compiled
+def _difference(problem, params, normal, curvature):  # pragma: no cover - compiled
     """Fill normal + curvature with central differences of the gradient: where parts collide, only that is exact."""
     size = params.shape[0]
-    ahead, behind = np.empty(size), np.empty(size)
-    one, other = np.empty((size, size)), np.empty((size, size))
     for p in range(size):
         here = params[p]
         params[p] = here + _STEP
-        keypoint_system(problem, params, space, ahead, one, other)
+        ahead = keypoint_system(problem, params)[1]
         params[p] = here - _STEP
-        keypoint_system(problem, params, space, behind, one, other)
+        behind = keypoint_system(problem, params)[1]
         params[p] = here
         for r in range(size):
             curvature[r, p] = (ahead[r] - behind[r]) / (2.0 * _STEP) - normal[r, p]
@@ -67,15 +65,14 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
     starts, size = params.shape
     cost, norm = np.zeros(starts), np.zeros(starts)
     normal_out, hessian_out = np.zeros((starts, size, size)), np.zeros((starts, size, size))
-    space, box, limits = workspace(problem), new_box(size), problem.limits
-    gradient, slope, step = np.zeros(size), np.zeros(size), np.zeros(size)
+    box, limits = new_box(size), problem.limits
+    slope, step = np.zeros(size), np.zeros(size)
     trial, held = np.zeros(size), np.zeros(size, np.int64)
-    normal, curvature = np.zeros((size, size)), np.zeros((size, size))
     damped, folded = np.zeros((size, size)), np.zeros((size, size))
     for n in range(starts):
         x = params[n]
         clip(limits, x, box)
-        now = keypoint_system(problem, x, space, gradient, normal, curvature)
+        now, gradient, normal, curvature, collide = keypoint_system(problem, x)
         level, used = _DAMPING, 0
         while now < np.inf:
             hold(x, gradient, box, held, slope)
@@ -87,8 +84,8 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
             if norm[n] < tolerance or used == iterations:
                 break
             used += 1
-            if used > _SLOW and norm[n] < _NEAR and space.collided.sum() > 0:
-                _difference(problem, x, space, normal, curvature)
+            if used > _SLOW and norm[n] < _NEAR and collide:
+                _difference(problem, x, normal, curvature)
             moved, newton, refused, tighten = False, True, False, 4.0
             floor = 1e-30
             for p in range(size):
@@ -117,7 +114,7 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
                         matrix = normal[p, r] + (curvature[p, r] if newton else 0.0)
                         predicted -= 0.5 * step[p] * matrix * step[r]
                 clip(limits, trial, box)
-                there = keypoint_cost(problem, trial, space)
+                there = keypoint_cost(problem, trial)
                 small = predicted <= _ROUNDING * now
                 if there < now or (small and there <= now * (1.0 + _ROUNDING)):
                     moved = True
@@ -134,7 +131,7 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
                 break
             for p in range(size):
                 x[p] = trial[p]
-            now = keypoint_system(problem, x, space, gradient, normal, curvature)
+            now, gradient, normal, curvature, collide = keypoint_system(problem, x)
         cost[n] = now
         if not now < np.inf:
             norm[n] = np.inf
@@ -142,8 +139,8 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
         for p in range(size):
             for r in range(size):
                 normal_out[n, p, r] = normal[p, r]
-        if space.collided.sum() > 0:
-            _difference(problem, x, space, normal, curvature)
+        if collide:
+            _difference(problem, x, normal, curvature)
         for p in range(size):
             for r in range(size):
                 folded[p, r] = normal[p, r] + curvature[p, r]

@@ -8,7 +8,7 @@ from handtrack import ImageKeypoints, Keypoints, load_model
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, rotation_vector
 from handtrack.model.kinematics_kernels import turn_root
 from handtrack.sampling.diffusion import covariance_scaled, projected
-from handtrack.sampling.keypoint_kernels import keypoint_cost, keypoint_system, workspace
+from handtrack.sampling.keypoint_kernels import keypoint_cost, keypoint_system
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.sampling.polish import polish
 from handtrack.sampling.suppression import angle_distance, distinct
@@ -135,10 +135,8 @@ def problem_of(rng, model, loss, collision=None):
     return plain, packed, truth + 0.03 * rng.normal(size=size)
 
 
-def system(packed, params, space=None):
-    size, space = len(params), space or workspace(packed)
-    gradient, normal, curvature = np.empty(size), np.empty((size, size)), np.empty((size, size))
-    cost = keypoint_system(packed, params, space, gradient, normal, curvature)
+def system(packed, params):
+    cost, gradient, normal, curvature, _ = keypoint_system(packed, params)
     return cost, gradient, normal, normal + curvature
 
 
@@ -157,7 +155,7 @@ def test_is_what_the_terms_say_and_its_exact_hessian_the_gradients_slope(rng, na
     cost, gradient, normal, hessian = system(packed, params)
     known, names = plain.linearize(params), model.transform.names
     assert_allclose(cost, known.cost, rtol=1e-11)
-    assert_allclose(keypoint_cost(packed, params, workspace(packed)), known.cost, rtol=1e-11)
+    assert_allclose(keypoint_cost(packed, params), known.cost, rtol=1e-11)
     assert_allclose(gradient, known.gradient, atol=1e-10 * np.abs(known.gradient).max())
     assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
     check_jacobian(lambda x: system(packed, x)[1], hessian, params, names, names, rtol=1e-6)
@@ -173,12 +171,11 @@ def test_collisions_are_added(rng):
     through = params.copy()
     through[model.transform.names.index("left_shoulder_abd")] = -0.7
     assert collision.cost(model.bones(through)) > 0.0 == collision.cost(model.bones(params))
-    space = workspace(packed)
     for where in (through, params, through):
-        cost, gradient, normal, _ = system(packed, where, space)
+        cost, gradient, normal, _ = system(packed, where)
         known = plain.linearize(where)
         assert_allclose(cost, known.cost, rtol=1e-11)
-        assert_allclose(keypoint_cost(packed, where, space), known.cost, rtol=1e-11)
+        assert_allclose(keypoint_cost(packed, where), known.cost, rtol=1e-11)
         assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
         assert_allclose(gradient, known.gradient, atol=1e-9 * np.abs(known.gradient).max())
 
