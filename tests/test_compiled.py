@@ -1,8 +1,12 @@
 """Kept machine code is that of its sources."""
 
 import os
-import subprocess
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
+
+import numba
+import pytest
 
 INNER = "from handtrack.compiled import compiled\n\n@compiled\ndef inner(x):\n    return x + {}\n"
 OUTER = "from handtrack.compiled import compiled\nfrom inner import inner\n\n@compiled\ndef outer(x):\n    return 2 * inner(x)\n"
@@ -14,11 +18,16 @@ print(page.inner(1))"""
 
 
 def called(folder, cache, asked=ASKED):
-    said = subprocess.run(
-        [sys.executable, "-c", asked], cwd=folder, env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, capture_output=True, text=True,
-        check=True,
-    )  # fmt: skip
-    return said.stdout.split()
+    """Return what is printed where the folder's modules are imported anew."""
+    for name in ("inner", "outer", "types_"):
+        sys.modules.pop(name, None)
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as said:
+        patch.chdir(folder)
+        patch.syspath_prepend(folder)
+        patch.setattr(sys, "dont_write_bytecode", True)
+        patch.setattr(numba.config, "CACHE_DIR", str(cache))
+        exec(asked, {})
+    return said.getvalue().split()
 
 
 def test_machine_code_is_made_anew_where_a_function_that_it_calls_changed_in_another_file(tmp_path):
