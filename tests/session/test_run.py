@@ -32,8 +32,8 @@ from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidenc
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.tables.track_model import model_of
+from tests.app.command_line import QUICK
 from tests.experiments.scenes.simulated_clouds import Sensor, depth_views
-from tests.tracking.scenes import QUICK
 from tests.tracking.test_shared_cameras import camera_at, waving_poses
 
 
@@ -69,14 +69,16 @@ def misleading(folder, arm):
         made.append(simulate(folder / str(one), what, known=known))
     for mask in (made[0] / "masks").glob("*/*0000.*"):
         (made[1] / mask.relative_to(made[0])).write_bytes(mask.read_bytes())
+    with (made[1] / "session.toml").open("a") as file:
+        file.write(QUICK)
     return made[1]
 
 
 @pytest.mark.parametrize("arm", [False, True])
 def test_all_frames_say_whether_there_is_an_arm(tmp_path, arm):
     """Frames tracked without the arm that is there, or with one that is not, say so."""
-    quick = QUICK | {"tracker.estimate": "forward"}
-    run = TrackingRun.open(Session.open(misleading(tmp_path, arm)), quick)
+    folder = misleading(tmp_path, arm)
+    run = TrackingRun.open(Session.open(folder), {"tracker.estimate": "forward"})
     assert run.forearm is not arm
     found = list(run.track(range(4), *run.initial()))
     right = run.with_arm_of(found)
