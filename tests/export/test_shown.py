@@ -44,23 +44,26 @@ def _moved_a_little(folder, count):
 
 @pytest.mark.browser
 @pytest.mark.skipif(not there_is_one(), reason="no Chromium here")
-@pytest.mark.parametrize("kind", ["left", "claw"])
-def test_pages_play_without_network_and_without_an_error(kind, tmp_path):
+def test_pages_play_without_network_and_without_an_error(tmp_path):
     pytest.importorskip("playwright.sync_api")
-    table = ResultsTable(sample_sequence(kind)[1])
     with chromium((640, 360)) as (page, errors):
-        (path,) = export_format("html").write(tmp_path / "poses.html", table)
-        page.goto(path.as_uri())
-        before, say = page.locator("#view").screenshot(), page.locator("#say")
-        assert "frame 3, 0.060 s, tracked" in say.inner_text()
-        for _ in range(5):
-            page.keyboard.press("ArrowRight")
-        page.wait_for_function("document.getElementById('say').textContent.includes('frame 8')")
-        assert "lost: " in say.inner_text()
-        assert page.locator("#view").screenshot() != before
-        page.locator("#play").click()
-        page.wait_for_function("document.getElementById('say').textContent.includes('frame 26')")
-        (path,) = export_format("report").write(tmp_path / "report.html", table)
-        page.goto(path.as_uri())
-        assert page.locator("svg").count() >= 5
+        for kind in ("left", "claw"):
+            _plays(page, tmp_path, ResultsTable(sample_sequence(kind)[1]))
     assert errors == []
+
+
+def _plays(page, folder, table):
+    (path,) = export_format("html").write(folder / "poses.html", table)
+    page.goto(path.as_uri())
+    before, say = page.locator("#view").screenshot(), page.locator("#say")
+    assert "frame 3, 0.060 s, tracked" in say.inner_text()
+    for _ in range(5):
+        page.keyboard.press("ArrowRight")
+    page.wait_for_function("document.getElementById('say').textContent.includes('frame 8')")
+    assert "lost: " in say.inner_text()
+    assert page.locator("#view").screenshot() != before
+    page.locator("#play").click()
+    page.wait_for_function("document.getElementById('say').textContent.includes('frame 26')")
+    (path,) = export_format("report").write(folder / "report.html", table)
+    page.goto(path.as_uri())
+    assert page.locator("svg").count() >= 5

@@ -57,7 +57,7 @@ class PageUnderTest:
 
 
 @contextlib.contextmanager
-def browsing(bench, dpr=0.5, size=(1300, 800)):
+def browsing(bench, dpr=0.25, size=(1300, 800)):
     """Show a workbench in a real browser; it is stopped afterwards."""
     if not there_is_one():
         pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
@@ -79,7 +79,7 @@ def browsing(bench, dpr=0.5, size=(1300, 800)):
 
 FOUR_PER_SECOND = """window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 250);
 window.cancelAnimationFrame = clearTimeout;"""
-"""frames: each is drawn in software, a fifth of a second's work"""
+"""frames: each is drawn in software, a tenth of a second's work"""
 
 
 def stands(bench):
