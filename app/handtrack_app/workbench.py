@@ -174,7 +174,7 @@ class Workbench:
             self.page.show_early()
 
     def _see_ready(self) -> None:
-        if self.layout.progress.state not in ("opening", "failed"):
+        if self.state.progress.state not in ("opening", "failed"):
             self._ready.set()
 
     def _build(
@@ -184,12 +184,11 @@ class Workbench:
         strip: snapshots.TimelineSnapshot,
     ) -> None:
         """Build scene and panels, and have snapshots shown in them."""
-        subscribe, server = self.page.subscribe, self.server
-        self.state.kind = session.kind
+        subscribe, server, state = self.page.subscribe, self.server, self.state
+        state.kind, state.session, state.strip = session.kind, session, strip
         subscribe(snapshots.SessionSnapshot, self._show_session)
-        subscribe(snapshots.TimelineSnapshot, self._show_span)
-        self.stage = Stage(self.page, session, pose)
-        self.layout.build(self.stage, session, pose, strip)
+        self.stage = Stage(self.page, pose)
+        self.layout.build(self.stage, pose)
         subscribe(snapshots.PoseSnapshot, self._take_pose)
         subscribe(Drawn, self._show_held)
         subscribe(snapshots.ProgressSnapshot, self._show_progress)
@@ -203,11 +202,9 @@ class Workbench:
 
     def _show_session(self, session: snapshots.SessionSnapshot) -> None:
         with self.state.lock:
-            known = self.state.names == session.parameter_names
-            self.state.names, self.state.awaited = session.parameter_names, None
-            self.state.start, self.state.stop = session.start, session.stop
-            if not known:
+            if self.state.names != session.parameter_names:
                 self.state.values = ()
+            self.state.session, self.state.awaited = session, None
         self.player.fps = session.fps
 
     def _take_pose(self, pose: snapshots.PoseSnapshot) -> None:
@@ -225,10 +222,6 @@ class Workbench:
         if held is not None:
             self._show_pose(held)
 
-    def _show_span(self, strip: snapshots.TimelineSnapshot) -> None:
-        with self.state.lock:
-            self.state.start, self.state.stop = strip.start, strip.start + len(strip.status)
-
     def _show_progress(self, progress: snapshots.ProgressSnapshot) -> None:
         tracking = progress.state in ("tracking", "preparing")
         if self.state.tracking != tracking:
@@ -238,7 +231,7 @@ class Workbench:
         self.layout.show_hidden()
         if self._plays_first and progress.state == "idle":  # the demo is open
             self._plays_first = False
-            is_tracked = bool((self.layout.timeline.strip.status >= 0).any())
+            is_tracked = bool((self.state.strip.status >= 0).any())
             self.state.playing = is_tracked and not self.state.version  # nobody edits yet
 
     def _show_rerun(self, rerun: snapshots.RerunPage) -> None:

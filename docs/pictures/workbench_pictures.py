@@ -107,7 +107,7 @@ def opened(folder: Path, out: Path) -> Iterator[Taker]:
             page.goto(f"{bench.url}&fixedDpr=1")
             page.wait_for_function(DRAWN, arg=["/hand/flesh"], timeout=60_000)
             taker = Taker(bench, page, out)
-            taker.until(lambda: bench.layout.tracking.progress.state == "idle", _LONG_S)
+            taker.until(lambda: bench.state.progress.state == "idle", _LONG_S)
             page.wait_for_timeout(_SETTLES_MS)
             for client in bench.page.clients.values():
                 bench.layout.room.change(client, folded=False)
@@ -123,7 +123,7 @@ def bundled(out: Path) -> None:
         shutil.copytree(bundled_session(), copy)
     with opened(copy, out) as taker:
         bench, page = taker.bench, taker.page
-        strip = bench.layout.timeline.strip
+        strip = bench.state.strip
         if strip is None or (strip.status < 0).any():
             taker.tracked(0, 100, 0)
         (client,) = bench.page.clients.values()

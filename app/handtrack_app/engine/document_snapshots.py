@@ -57,8 +57,6 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         name=session.name,
         folder=str(session.folder),
         fps=float(session.fps),
-        start=document.frames.start,
-        stop=document.frames.stop,
         first_frame=document.first_frame,
         cameras=tuple(camera.without_distortion() for camera in session.rig.cameras),
         clouds=cloud_card(document),

@@ -151,8 +151,8 @@ def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
         ),
         ("Ten frames on", "shift+arrowright", lambda: page.go_to(state.frame + _TEN)),
         ("Ten frames back", "shift+arrowleft", lambda: page.go_to(state.frame - _TEN)),
-        ("First frame", "home", lambda: page.go_to(state.start)),
-        ("Last frame", "end", lambda: page.go_to(state.stop - 1)),
+        ("First frame", "home", lambda: page.go_to(state.strip.start)),
+        ("Last frame", "end", lambda: page.go_to(state.strip.stop - 1)),
         (
             "Set keyframe: this pose",
             "M",

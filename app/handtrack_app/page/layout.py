@@ -72,10 +72,9 @@ class PageLayout:
         self.page, gui = page, page.gui
         colours(gui)
         dress(page.server)
-        self.progress = ProgressSnapshot("opening", "Opening …")
         self.snapshot: SessionSnapshot | None = None
         self.saved = ""
-        self.head = gui.add_html(head(None, self.progress))
+        self.head = gui.add_html(head(None, page.state))
         self.aside = gui.add_html(_ASIDE, visible=False)
         self.again = page.button("Start again", start_again, "refresh", color=None, visible=False)
         self.messages = Messages(page)
@@ -87,11 +86,9 @@ class PageLayout:
         page.subscribe(ProgressSnapshot, self.show_progress)
         page.subscribe(Notice, lambda told: page.notify(told.level, told.title, told.text))
 
-    def build(
-        self, stage: Stage, session: SessionSnapshot, shown: PoseSnapshot, strip: TimelineSnapshot
-    ) -> None:
+    def build(self, stage: Stage, shown: PoseSnapshot) -> None:
         """Build the panels, which snapshots are shown in from now on."""
-        page, gui = self.page, self.page.gui
+        page, gui, session = self.page, self.page.gui, self.page.state.session
         self.others.remove()
         card = gui.add_html("")
         gui.add_html("<div class='handtrack-rail'></div>")
@@ -109,8 +106,8 @@ class PageLayout:
             reviewing = gui.add_tab_group()
         with more:
             others = gui.add_tab_group()
-        self.session = SessionPanel(page, view, stage, self.room, session)
-        self.tracking = TrackingPanel(page, track, session, self.progress, strip)
+        self.session = SessionPanel(page, view, stage, self.room)
+        self.tracking = TrackingPanel(page, track)
         add_work_keys(page, self.tracking)
         if session.live:
             page.subscribe(LiveSnapshot, LivePanel(page, track).show)
@@ -118,19 +115,19 @@ class PageLayout:
         refits = RefitSwitch(page)
         GrabKeys(page, stage.root.control)
         joints = posing.add_tab("Joints")
-        self.pose = PosePanel(page, card, joints, stage.grips, session, shown)
+        self.pose = PosePanel(page, card, joints, stage.grips, shown)
         self.guesses = self.pose.guesses
         stage.take_guess = self.guesses.take
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
-        self.limits = LimitsPanel(page, posing.add_tab("Limits"), refits, session)
+        self.limits = LimitsPanel(page, posing.add_tab("Limits"), refits)
         with posing.add_tab("Certainty"):
             self.certainty = gui.add_html("")
-        self.review = ReviewPanel(page, reviewing.add_tab("Queue"), strip)
+        self.review = ReviewPanel(page, reviewing.add_tab("Queue"))
         self.plots = PlotsPanel(page, reviewing.add_tab("Plots"), lambda: self.timeline.window)
         self.export = ExportPanel(page, others.add_tab("Export"))
-        self.settings = SettingsPanel(page, others.add_tab("Settings"), refits, session)
-        self.masks = MaskPanel(page, others.add_tab("Masks"), stage, session.masks)
-        self.cloud = CloudPanel(page, others.add_tab("Cloud"), stage.mark_box, session.clouds)
+        self.settings = SettingsPanel(page, others.add_tab("Settings"), refits)
+        self.masks = MaskPanel(page, others.add_tab("Masks"), stage)
+        self.cloud = CloudPanel(page, others.add_tab("Cloud"), stage.mark_box)
         marks = (
             lambda: self.pose.pose.version,
             lambda: tuple(pin.pixel for pin in self.pose.pose.pins),
@@ -147,12 +144,12 @@ class PageLayout:
             self.next = NextStep(page, self.tracking, self.guesses, self.review)
         self.review.moved = self.next.show
         self.tracking.followed = self.show_hidden
-        self.timeline = TimelinePanel(page, timeline, session, strip)
+        self.timeline = TimelinePanel(page, timeline)
         self.timeline.moved = self.plots.draw
         below.float(x=16, y=-16, width=560)
 
         subscribe = page.subscribe
-        panels = (self.pose, self.limits, self.tracking, self.settings, self.plots)
+        panels = (self.pose, self.limits, self.settings, self.plots)
         subscribe(
             SessionSnapshot,
             stage.fit,
@@ -163,33 +160,32 @@ class PageLayout:
         subscribe(SurfaceSnapshot, stage.show_surface)
         subscribe(CloudSnapshot, stage.show_cloud, self.cloud.show)
         subscribe(CloudPicture, self.cloud.show_picture)
-        subscribe(MaskPicture, stage.show_masks, self.masks.show)
+        subscribe(MaskPicture, stage.show_pictures, self.masks.show)
         subscribe(GuessesSnapshot, stage.show_guesses, self.guesses.show)
         subscribe(CurvesSnapshot, self.plots.show)
         subscribe(CloseSnapshot, self.review.show_pictures)
         subscribe(ScoreSnapshot, stage.show_score, self.pose.show_score)
         subscribe(WorkSnapshot, self.show_work)
         subscribe(TimelineSnapshot, self.show_timeline)
-        subscribe(TimelineChange, lambda new: self.show_timeline(new.over(self.timeline.strip)))
-        subscribe(ProgressSnapshot, self._forget_warnings, self.tracking.show)
-        subscribe(ProgressSnapshot, self.guesses.show_progress, lambda _: self.next.show())
+        subscribe(TimelineChange, lambda new: self.show_timeline(new.over(page.state.strip)))
+        subscribe(
+            ProgressSnapshot,
+            self.tracking.show,
+            self.guesses.show_progress,
+            lambda _: self.next.show(),
+        )
         subscribe(Notice, self.review.warn)
         subscribe(RerunPage, self.tracking.show_rerun)
         subscribe(Download, self.export.deliver)
-        self.guesses.show_progress(self.progress)
-
-    def _forget_warnings(self, progress: ProgressSnapshot) -> None:
-        """What was found out about the recording holds until it is tracked anew."""
-        begins = progress.state == "tracking" and self.tracking.progress.state != "tracking"
-        if begins and progress.total > 1:  # not a single frame
-            put(self.review.about, content="")
+        self.guesses.show_progress(page.state.progress)
 
     def _show_session(self, session: SessionSnapshot) -> None:
         self.snapshot = session
+        self.tracking.show_size()
         self._show_head()
 
     def _show_head(self) -> None:
-        put(self.head, content=head(self.snapshot, self.progress, self.saved))
+        put(self.head, content=head(self.snapshot, self.page.state, self.saved))
 
     def show_pose(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Show a pose in the panels. newest: what can be moved moves, too; no edit is under way."""
@@ -212,15 +208,23 @@ class PageLayout:
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Show the recording at a glance."""
-        self.timeline.show_timeline(strip)
+        self.page.state.strip = strip
+        self.timeline.show_timeline()
         self.messages.see_pose(strip.is_posed)
-        self.review.show_timeline(strip)
-        self.tracking.show_timeline(strip)
+        self.review.show_timeline()
+        self.tracking.show_timeline()
         self.next.show()
 
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
-        self.progress = progress
+        before, self.page.state.progress = self.page.state.progress, progress
+        if (
+            self.snapshot is not None
+            and progress.state == "tracking" != before.state
+            and progress.total > 1
+        ):
+            # what was found out about the recording holds until it, and not a single frame, is tracked anew
+            put(self.review.about, content="")
         put(self.again, visible=progress.state == "failed")
         self._show_head()
 

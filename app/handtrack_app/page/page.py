@@ -16,11 +16,16 @@ import viser
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.protocol.calls import Engine
-from handtrack_app.protocol.snapshots import Notice
+from handtrack_app.protocol.snapshots import (
+    Notice,
+    ProgressSnapshot,
+    SessionSnapshot,
+    TimelineSnapshot,
+)
 
 if TYPE_CHECKING:
     from handtrack_app.page.pins.grips import Drag
-    from handtrack_app.page.scene.looking import CameraView, Screen
+    from handtrack_app.page.scene.looking import CameraView, Pointed, Screen
     from handtrack_app.viser_internals import GuiModalHandle, HotkeyKey, KeyModifier
 
 GUIDE, INFO, DONE = "guide", "info", "done"
@@ -106,6 +111,8 @@ class Client:
     """under way"""
     box: Callable[[viser.SceneRectSelectEvent], None] | None = None
     """waits for a box over the picture, which stays where it is meanwhile"""
+    pointed: Pointed | None = None
+    """told where the picture is touched, while it is painted over"""
     modal: Callable[[str], bool] | None = None
     """while it is at something, such as painting: asked first what a letter means; whether it took it"""
     dialog: GuiModalHandle | None = None
@@ -122,12 +129,14 @@ class UserState:
 
     kind: str = "hand"
     """of model: `hand` or `body`"""
-    names: tuple[str, ...] = ()
+    session: SessionSnapshot = field(init=False)
+    """as it is now; none before scene and panels are built"""
+    strip: TimelineSnapshot = field(init=False)
+    """likewise, of the whole recording"""
+    progress: ProgressSnapshot = ProgressSnapshot("opening", "Opening …")
     frame: int = 0
     awaited: int | None = None
     """the frame that the user went to, until it shows: a pose of another that comes meanwhile leads nobody back"""
-    start: int = 0
-    stop: int = 1
     values: tuple[float, ...] = ()
     """(S,) joint parameters as the user last set or saw them [m, rad]"""
     values_at: int | None = None
@@ -143,6 +152,11 @@ class UserState:
     """the view follows the tracker"""
     display: Display = field(default_factory=Display)
     lock: threading.RLock = field(default_factory=threading.RLock)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the model's joint parameters."""
+        return self.session.parameter_names
 
     @property
     def passes(self) -> bool:
@@ -186,7 +200,7 @@ class UserState:
         """Return a frame of the session for any number from a client; None for no number."""
         if not math.isfinite(frame):
             return None
-        return int(min(max(round(frame), self.start), self.stop - 1))
+        return int(min(max(round(frame), self.strip.start), self.strip.stop - 1))
 
 
 # ---- What every panel is handed

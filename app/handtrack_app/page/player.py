@@ -133,8 +133,8 @@ class Player:
             if not (state.playing and self._in_flight.is_watched):
                 continue  # a page left open, and closed, is no work for anybody
             began, first = time.monotonic(), state.frame
-            if first >= state.stop - 1:
-                first = state.start
+            if first >= state.strip.stop - 1:
+                first = state.strip.start
             last_asked = -1
             self._in_flight.clear()
             pace = self.fps * state.speed
@@ -145,8 +145,9 @@ class Player:
                 and not self._stopping.is_set()
             ):
                 due = first + int((time.monotonic() - began) * pace)
-                if due > state.stop - 1:
-                    began, first, due = time.monotonic(), state.start, state.start
+                if due > state.strip.stop - 1:
+                    first = due = state.strip.start
+                    began = time.monotonic()
                 if due != last_asked and self._in_flight.has_room:
                     last_asked = due
                     with state.lock:  # an edit that begins now comes first, and ends it

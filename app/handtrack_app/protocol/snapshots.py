@@ -74,16 +74,22 @@ class MaskCard:
 
 
 @dataclass(frozen=True)
-class MaskPicture:
-    """The cameras' masks in one frame, painted over their images, RGB."""
+class PictureSnapshot:
+    """Pictures of one frame, RGB."""
 
     frame: int
-    small: dict[str, Bytes[H, W, D3]]
-    screens: dict[tuple[str, str], Bytes[H, W, D3]]
-    """large, by camera and `mask`"""
-    corrected: dict[str, str]
+    thumbnails: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
+    screens: dict[tuple[str, str], Bytes[H, W, D3]] = field(default_factory=dict)
+    """large, by camera and what is painted over it"""
+
+
+@dataclass(frozen=True)
+class MaskPicture(PictureSnapshot):
+    """The cameras' masks, painted over their images."""
+
+    corrected: dict[str, str] = field(default_factory=dict)
     """by camera, whether this frame is corrected and how many are, in words"""
-    words: str
+    words: str = ""
     """what could not be made, and why"""
 
 
@@ -154,6 +160,11 @@ class TimelineSnapshot:
     """by how much others are corrected"""
 
     @property
+    def stop(self) -> int:
+        """The end of the frames."""
+        return self.start + len(self.status)
+
+    @property
     def accepted(self) -> frozenset[int]:
         """Frames that no tracking changes."""
         return self.marked.get("accepted", frozenset())
@@ -171,8 +182,7 @@ class TimelineChange:
 
     def over(self, strip: TimelineSnapshot) -> TimelineSnapshot:
         """Return a timeline with these rows; as it was if it is of other frames, as a whole one is on its way then."""
-        count = len(strip.status)
-        if self.frames != range(strip.start, strip.start + count):
+        if self.frames != range(strip.start, strip.stop):
             return strip
 
         def put(values: Array[F], new: Array[N]) -> Array[F]:
@@ -180,7 +190,7 @@ class TimelineChange:
             whole[self.row] = new
             return whole
 
-        unknown = np.full(count, np.nan)
+        unknown = np.full(len(strip.status), np.nan)
         lanes = {word: put(strip.lanes.get(word, unknown), new) for word, new in self.lanes.items()}
         return replace(strip, status=put(strip.status, self.status), lanes={**strip.lanes, **lanes})
 
@@ -233,8 +243,6 @@ class SessionSnapshot:
     name: str
     folder: str
     fps: float
-    start: int
-    stop: int
     first_frame: int
     cameras: tuple[Camera, ...]
     """undistorted"""
@@ -345,23 +353,13 @@ class PoseSnapshot:
     pins: tuple[PinCard, ...]
     accepted: bool
     """no tracking changes it"""
-    beside: tuple[PictureSnapshot | MaskPicture, ...] | None = None
+    beside: tuple[PictureSnapshot, ...] | None = None
     """of a frame that is played: its pictures; None: they come later"""
 
     @property
     def middle(self) -> Floats[D3]:
         """The middle of the hand [m]: of its ellipsoids near the palm and fingers."""
         return np.median(self.centre, axis=0)
-
-
-@dataclass(frozen=True)
-class PictureSnapshot:
-    """Pictures of one frame, RGB."""
-
-    frame: int
-    thumbnails: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
-    screens: dict[tuple[str, str], Bytes[H, W, D3]] = field(default_factory=dict)
-    """large, by camera and what is painted over it"""
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,7 @@ def track(bench, first, number):
     bench.engine.track(first, FRAMES, first)
     takes = bench.layout.takes
     eventually(
-        lambda: (
-            takes.chosen.options[:1] == (str(number),) and bench.layout.progress.state == "idle"
-        ),
+        lambda: takes.chosen.options[:1] == (str(number),) and bench.state.progress.state == "idle",
         f"take {number}",
     )
 

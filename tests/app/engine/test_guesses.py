@@ -58,7 +58,7 @@ def test_the_hand_is_found_taken_and_can_be_undone(bench, wire, search):
     before = state.values
     wire.set_value(panel.find, "best frame")
     eventually(lambda: panel.cancel.visible and not panel.find.visible)
-    shown = bench.layout.progress
+    shown = bench.state.progress
     eventually(lambda: (shown.text, shown.done, shown.total) == ("40 of 100 starts", 40, 100))
     search.set()
     eventually(lambda: state.frame == 5 and abs(state.values[0] - 0.03) < 1e-9, "the surest taken")

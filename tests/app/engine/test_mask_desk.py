@@ -54,8 +54,8 @@ def test_a_method_is_tried_over_all_cameras_at_once(cloudy_desk, tmp_path):
     assert card.cameras[0].values["cr"] == (138, 175)
 
     def is_dark(picture):
-        corner, middle = picture.small["cam0"][5, 5], picture.small["cam0"][Y, X]
-        return len(picture.small) == 2 and middle.mean() > 100 and corner.mean() < 20
+        corner, middle = picture.thumbnails["cam0"][5, 5], picture.thumbnails["cam0"][Y, X]
+        return len(picture.thumbnails) == 2 and middle.mean() > 100 and corner.mean() < 20
 
     listener.wait(snapshots.MaskPicture, is_dark)
     worker.engine.set_masks("cam1", {"y_min": 255})

@@ -98,12 +98,11 @@ def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
 
     monkeypatch.setattr(video_audits.VideoFile, "audited", waiting)
     worker, listener = working(tmp_path)
-    assert listener.wait(snapshots.SessionSnapshot).stop == ANNOUNCED
+    assert listener.wait(snapshots.TimelineSnapshot).stop == ANNOUNCED
     may_count.set()
     told = listener.told("can be decoded")
     assert f"{ANNOUNCED} frames" in told.text
-    counted = listener.wait(snapshots.SessionSnapshot, lambda s: s.stop < ANNOUNCED)
-    strip = listener.wait(snapshots.TimelineSnapshot, lambda s: len(s.status) == counted.stop)
+    strip = listener.wait(snapshots.TimelineSnapshot, lambda s: s.stop < ANNOUNCED)
     assert strip.start == 0
     eventually((tmp_path / "tracks" / "videos.json").is_file)
     worker.stop()
@@ -134,17 +133,17 @@ def test_the_demo_is_tracked_when_it_is_opened_and_stays_as_its_user_left_it(mon
 
 def test_the_demo_plays_at_once_what_is_tracked(tmp_path):
     with shown(tmp_path, opener=fake_document, demo=True) as bench:
-        eventually(lambda: bench.layout.timeline.strip)
+        eventually(lambda: bench.state.strip)
         assert not bench.state.playing, "nothing is tracked"
         bench.engine.track(0, FRAMES, 0, anew=True)
-        eventually(lambda: (bench.layout.timeline.strip.status >= 0).sum() == FRAMES)
+        eventually(lambda: (bench.state.strip.status >= 0).sum() == FRAMES)
     with shown(tmp_path, opener=fake_document, demo=True) as bench:
         eventually(lambda: bench.state.playing)
         assert not bench.worker.busy
     bench = in_threads(tmp_path, opener=fake_document, demo=True)
     bench.state.begin_edit()
     bench.start()
-    eventually(lambda: bench.layout.progress.state == "idle")
+    eventually(lambda: bench.state.progress.state == "idle")
     bench.engine.show_frame(3)
     eventually(lambda: bench.stage.pose and bench.stage.pose.frame == 3, "all before is shown")
     assert not bench.state.playing, "whoever moved a finger meanwhile sees the finger"

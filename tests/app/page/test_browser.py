@@ -380,8 +380,7 @@ def _picture_and_model_are_drawn_as_one_however_large(bench, view):
     view.page.keyboard.press("1")
     looks = eventually(lambda: client.view)
     eventually(lambda: "/screen" in str(view.page.evaluate(NODES)))
-    bench.stage._marking = True  # nothing stands before the picture
-    bench.redraw()
+    bench.page.draw("hidden", True)  # nothing stands before the picture
     view.page.set_viewport_size({"width": 900, "height": 1000})
     times = 12.0
     zoom = Zoom((SPOT[0] + 3 / times, SPOT[1] - 2 / times), times)
@@ -405,8 +404,7 @@ def _picture_and_model_are_drawn_as_one_however_large(bench, view):
         return np.linalg.norm(ball_at - middle(spot & near)) / scale
 
     eventually(lambda: off() < 0.5, timeout=0.3)  # thirty looks: once the page has zoomed and drawn
-    bench.stage._marking = False
-    bench.redraw()
+    bench.page.draw("hidden", False)
 
 
 def screenshot(view):

@@ -48,10 +48,10 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
             eventually(lambda: len(bench.page.clients) == 2)
             painter, other = bench.page.clients.values()
             bench.stage.look("cam1", other)
-            assert bench.stage._marking, "its look is its own"
+            assert bench.stage.marking, "its look is its own"
         view.press("Done painting")
         eventually(lambda: painter.modal is None, "letters mean what they did")
-        eventually(lambda: not bench.stage._marking)
+        eventually(lambda: not bench.stage.marking)
         bench.page.travel(back=True)
         corrections = bench.worker.document.run.session.view("cam0").corrections  # type: ignore[union-attr]
         eventually(lambda: not corrections.frames)

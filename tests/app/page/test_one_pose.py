@@ -134,7 +134,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
         turn += 1
     bench.page.play(False)
     bench.engine.cancel()
-    eventually(lambda: bench.layout.tracking.progress.state == "idle")
+    eventually(lambda: bench.state.progress.state == "idle")
     bench.page.go_to(4)
     eventually(lambda: bench.stage.pose.frame == 4)
 

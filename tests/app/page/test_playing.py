@@ -64,9 +64,9 @@ def _questions(wire):
 
 def test_no_frame_is_played_over_who_edits():
     """The frame asked for next is not the one whose pose is edited; and none comes after."""
-    state = UserState(
-        names=("a",), values=(0.5,), values_at=7, frame=8, start=0, stop=99, playing=True
-    )
+    state = UserState(values=(0.5,), values_at=7, frame=8, playing=True)
+    state.session = SimpleNamespace(parameter_names=("a",))  # type: ignore[assignment]
+    state.strip = SimpleNamespace(start=0, stop=99)  # type: ignore[assignment]
     asked, ended = list[float](), list[bool]()
     drawn = SimpleNamespace(is_watched=True, has_room=True, clear=lambda: None)
     player = Player(state, asked.append, drawn, lambda: ended.append(True))  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from tests.app.wire import WireClient
 def _tracked(bench):
     bench.engine.track(0, FRAMES, 3)
     eventually(lambda: len(bench.layout.review.intervals) == 1, "frame 7 is doubtful")
-    eventually(lambda: bench.layout.progress.state == "idle")
+    eventually(lambda: bench.state.progress.state == "idle")
 
 
 def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench, wire):
@@ -48,7 +48,7 @@ def test_what_is_found_out_about_a_recording_stays_until_it_is_tracked_anew(benc
         bench.page.show(notice)
     assert about.content.count("contradicts") == 1
     bench.engine.track(3, 4, 3)
-    eventually(lambda: bench.layout.timeline.strip.status[3] >= 0)
+    eventually(lambda: bench.state.strip.status[3] >= 0)
     assert "contradicts" in about.content
     _tracked(bench)
     assert not about.content
@@ -87,7 +87,7 @@ def test_the_queue_goes_on_and_around(bench):
     review, state = bench.layout.review, bench.state
     strip = review.strip
     cards = (_card(5, 6), _card(1, 3), _card(9, 9))
-    review.show_timeline(TimelineSnapshot(0, strip.status, strip.lanes, intervals=cards))
+    bench.layout.show_timeline(TimelineSnapshot(0, strip.status, strip.lanes, intervals=cards))
     seen = []
     for by in (1, 1, 1, 1, -1, -1):
         review.step(by)

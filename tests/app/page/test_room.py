@@ -87,10 +87,9 @@ def test_frames_and_keyframes_by_key(bench, page):
         page.press(command)
         eventually(lambda frame=frame: bench.state.frame == frame, f"{frame} after: {command}")
     page.press("Set keyframe: this pose")
-    timeline = bench.layout.timeline
-    eventually(lambda: 1 in timeline.strip.by_hand)
+    eventually(lambda: 1 in bench.state.strip.by_hand)
     page.press("Remove keyframe: the tracked pose again")
-    eventually(lambda: 1 not in timeline.strip.by_hand)
+    eventually(lambda: 1 not in bench.state.strip.by_hand)
 
 
 def test_who_comes_first_is_led_in_five_steps_and_can_leave_at_once(bench):

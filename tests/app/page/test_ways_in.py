@@ -28,8 +28,7 @@ def test_what_was_tracked_is_there_and_shown_by_a_button_where_it_does_not_fit(
     edit(other / "session.toml", 'forearm = "auto"', "forearm = false")
     for session, fits in ((cancelled, True), (other, False)):
         with shown(session) as bench, WireClient(bench.url) as wire:
-            timeline = bench.layout.timeline
-            there = lambda: [n for n, status in enumerate(timeline.strip.status) if status >= 0]  # noqa: B023, E731
+            there = lambda: [n for n, status in enumerate(bench.state.strip.status) if status >= 0]  # noqa: E731
             if not fits:
                 assert there() == []
                 wire.press("Show them")

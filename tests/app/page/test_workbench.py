@@ -69,7 +69,7 @@ def test_tracked_frames_move_what_is_on_the_screen_and_the_hand_follows_a_slider
         layout.pose.open("Ring")
         assert hidden.value != before[1]
         with WireClient(bench.url) as client:
-            eventually(lambda: layout.progress.done == 4)  # it is stuck at the next one
+            eventually(lambda: bench.state.progress.done == 4)  # it is stuck at the next one
             client.set_value(layout.tracking.follow, False)
             angle = np.rad2deg(value_of(bench.state, "index_mcp_flex"))
             eventually(lambda: abs(slider.value - angle) < 0.1)
@@ -77,7 +77,7 @@ def test_tracked_frames_move_what_is_on_the_screen_and_the_hand_follows_a_slider
             for k in range(10):
                 sent = client.set_value(slider, 10.0 + 0.5 * k)
                 assert client.wait_for(sent, "/hand/flesh", "batched_positions") is not None
-        assert layout.tracking.progress.state == "tracking"
+        assert bench.state.progress.state == "tracking"
 
 
 def test_a_pose_that_comes_late_leads_nobody_back_to_its_frame(bench, monkeypatch):
@@ -154,7 +154,7 @@ def _shown(client, node):
 
 
 def _status(bench):
-    return bench.layout.timeline.strip.status
+    return bench.state.strip.status
 
 
 def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
@@ -181,7 +181,7 @@ def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
         eventually(lambda: len(bench.worker.document.results) == 5)
         assert not button.visible  # it is under way
         bench.engine.cancel()
-        eventually(lambda: bench.layout.progress.state == "idle")
+        eventually(lambda: bench.state.progress.state == "idle")
         eventually(lambda: np.flatnonzero(_status(bench) >= 0)[-1:] == [7])
         go_on.set()
         eventually(lambda: button.visible)

@@ -88,9 +88,9 @@ def edit_path() -> dict[str, Any]:
                 threading.setprofile(None)  # type: ignore[arg-type]
                 before = len(client.messages)
                 bench.engine.track(0, _TRACKED_FRAMES, bench.stage.session.first_frame)  # type: ignore[union-attr]
-                while not bench.layout.progress.done:
+                while not bench.state.progress.done:
                     time.sleep(0.05)
-                while bench.layout.progress.state != "idle":
+                while bench.state.progress.state != "idle":
                     time.sleep(0.05)
                 messages = len(client.messages) - before
         finally:

@@ -43,7 +43,6 @@ class CloudPanel:
     tab: viser.GuiTabHandle
     mark: Callable[..., None]
     """`Stage.mark_box`"""
-    card: CloudCard
     large: viser.PanelHandle | None = None
     large_picture: viser.GuiHtmlHandle | None = None
     known: dict[str, SettingWidget] = field(default_factory=dict)
@@ -52,11 +51,11 @@ class CloudPanel:
 
     def __post_init__(self) -> None:
         with self.tab:
-            self._build(self.card)
+            self._build(self.page.state.session.clouds)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Show the settings in force."""
-        self.card = card = session.clouds
+        card = session.clouds
         for name, one in self.known.items():
             one.show(card.values.get(name))
         self.known["front_m"].widget.disabled = card.values.get("component") != "nearest"
@@ -127,14 +126,15 @@ class CloudPanel:
     @property
     def pair(self) -> tuple[str, str] | None:
         """The pair that is looked at."""
-        return self.page.state.display.stereo_pair or self.card.pair
+        return self.page.state.display.stereo_pair or self.page.state.session.clouds.pair
 
     def _choose_pair(self, pair: tuple[str, str]) -> None:
         self.page.draw("stereo_pair", pair)
         self._offer_pair()
 
     def _offer_pair(self) -> None:
-        used = self.card.source == "stereo" and self.pair == self.card.pair
+        card = self.page.state.session.clouds
+        used = card.source == "stereo" and self.pair == card.pair
         put(self.take_pair, visible=not used)
 
     def set(self, **values: object) -> None:

@@ -30,7 +30,6 @@ class MaskPanel:
     page: Page
     tab: viser.GuiTabHandle
     stage: Stage
-    card: MaskCard
     methods: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
     """a folder for each method, of which the one in force shows"""
     settings: dict[str, dict[str, SettingWidget]] = field(default_factory=dict)
@@ -38,11 +37,11 @@ class MaskPanel:
 
     def __post_init__(self) -> None:
         with self.tab:
-            self._build(self.card)
+            self._build(self.page.state.session.masks)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Show what is in force."""
-        self.card = card = session.masks
+        card = session.masks
         self._show_chosen()
         self.note.content = escaped(card.words)
         self.saved.show(f"masks of {name}" for name in card.unsaved)
@@ -94,8 +93,8 @@ class MaskPanel:
 
     def _shown_camera(self) -> MaskCameraCard:
         """Return the camera chosen, of all the first."""
-        named = self._named()
-        return next((c for c in self.card.cameras if c.name == named), self.card.cameras[0])
+        named, cameras = self._named(), self.page.state.session.masks.cameras
+        return next((c for c in cameras if c.name == named), cameras[0])
 
     def _one_camera(self, client: Client) -> str:
         """Return the camera that is meant where there can be one only: chosen, or looked through, or the first."""
@@ -143,8 +142,8 @@ class MaskPanel:
 
     def show(self, masks: MaskPicture) -> None:
         """Show the masks of a frame."""
-        if masks.small and self.page.state.display.masks:
-            put(self.sheet, content=sheet(masks.frame, masks.small), visible=True)
+        if masks.thumbnails and self.page.state.display.masks:
+            put(self.sheet, content=sheet(masks.frame, masks.thumbnails), visible=True)
         self.wrong.content = escaped(masks.words)
         self.correcting.show_corrections(masks.corrected)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Sequence
-from dataclasses import InitVar, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -65,7 +65,6 @@ class PosePanel:
     """stands where it is seen whatever tab is open"""
     tab: viser.GuiTabHandle
     grips: Grips
-    session: InitVar[SessionSnapshot]
     pose: PoseSnapshot
     sliders: dict[str, viser.GuiSliderHandle[float]] = field(default_factory=dict)
     folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
@@ -78,8 +77,8 @@ class PosePanel:
     copied: dict[str, float] = field(default_factory=dict)
     """joint parameters [m, rad]"""
 
-    def __post_init__(self, session: SessionSnapshot) -> None:
-        page, gui = self.page, self.page.gui
+    def __post_init__(self) -> None:
+        page, gui, session = self.page, self.page.gui, self.page.state.session
         with self.tab:
             self.edit_buttons = page.buttons(
                 "Edit", ("Undo", "Redo", _FLIP), self._edit,
@@ -105,8 +104,8 @@ class PosePanel:
                 "Save as first-frame pose", page.engine.save_pose, "device-floppy",
                 "Writes the pose you see to the session's init.json. Tracking will start from it, at this frame.",
             )  # fmt: skip
-            self.guesses = GuessesPanel(page, session)
-            self.pins = PinPanel(page, self.grips, session)
+            self.guesses = GuessesPanel(page)
+            self.pins = PinPanel(page, self.grips)
             page.buttons(
                 "Pose", ("Copy", "Paste"), lambda name: self.copy() if name == "Copy" else self.paste(),
                 "Copies the pose you see; pastes its joints into the frame shown. Alt C, Alt V.",
@@ -178,8 +177,8 @@ class PosePanel:
         """Make the sliders fit a session: rebuilt when its parameters change, else only limits and couplings."""
         if session.parameter_names != self.names:
             self._rebuild(session)
-        self.guesses.fit(session)
-        self.pins.session = session
+        if not self.guesses.possible:
+            self.guesses.find.visible = False
         for s, name in enumerate(session.parameter_names):
             slider, driven = self.sliders[name], name in session.driven
             slider.disabled = driven
@@ -428,12 +427,11 @@ class GuessesPanel:
     """Handles of the search and of the ranked list."""
 
     page: Page
-    session: SessionSnapshot
     guesses: GuessesSnapshot | None = None
 
     def __post_init__(self) -> None:
         """Add the widgets where the page builds now."""
-        gui, page, kind = self.page.gui, self.page, self.session.kind
+        gui, page, kind = self.page.gui, self.page, self.page.state.kind
         self.find = page.buttons(
             f"Detect {kind}", (_HERE, _ANYWHERE), lambda name: self.search(name == _ANYWHERE), _FIND_HINTS[kind]
         )  # fmt: skip
@@ -486,20 +484,15 @@ class GuessesPanel:
         searching = busy and progress.state == "preparing" and progress.job == "finding"
         put(self.cancel, visible=searching)
         put(self.find, visible=self.possible and not busy)
-        session = self.session
+        session = self.page.state.session
         helps = session.kind == "hand" and IMAGES in session.observed and len(session.cameras) > 1
         put(self.fetch, visible=helps and not busy and not has_weights())
-
-    def fit(self, session: SessionSnapshot) -> None:
-        """Offer the search where there is one."""
-        self.session = session
-        if not self.possible:
-            self.find.visible = False
 
     @property
     def possible(self) -> bool:
         """Whether there is something to look at."""
-        return self.session.kind == "hand" or KEYPOINTS in self.session.observed
+        session = self.page.state.session
+        return session.kind == "hand" or KEYPOINTS in session.observed
 
 
 def _percent(share: float) -> str:
@@ -534,7 +527,6 @@ class PinPanel:
 
     page: Page
     grips: Grips
-    session: SessionSnapshot
     pins: tuple[PinCard, ...] = ()
     _before: tuple[int, float] | None = None
     """a frame, and the cost of its pose before the pins"""
@@ -569,7 +561,7 @@ class PinPanel:
         if cost is not None and self._before is not None and self._before[0] == pose.frame:
             gain = cost - self._before[1]
         self.pins = pose.pins
-        near_m = near_joint_m(self.session)
+        near_m = near_joint_m(self.page.state.session)
         put(self.list, content=pin_list(pose.pins, near_m, gain) if pose.pins else _NO_PINS)
         for button in (self.drop, self.drop_all):
             put(button, visible=bool(pose.pins))

@@ -31,12 +31,13 @@ class ReviewPanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    strip: TimelineSnapshot
     at: int | None = None
     """the place in the queue that was gone to"""
     rows: list[viser.GuiButtonHandle] = field(default_factory=list)
     cards: list[viser.GuiHtmlHandle] = field(default_factory=list)
     """of the same intervals, with a picture of the worst frame: the buttons lie over them"""
+    _queue: tuple[ReviewInterval, ...] = ()
+    """as it was shown last"""
     _asked: tuple[ReviewInterval, ...] = ()
     """intervals whose pictures were asked for"""
     _pictures: dict[int, str] = field(default_factory=dict)
@@ -85,6 +86,10 @@ class ReviewPanel:
         page.key("Review: release the frame", "", partial(self.let_go, "Frame"))
 
     # ---- the queue
+
+    @property
+    def strip(self) -> TimelineSnapshot:
+        return self.page.state.strip
 
     @property
     def intervals(self) -> tuple[ReviewInterval, ...]:
@@ -173,14 +178,14 @@ class ReviewPanel:
         if notice.of_recording and line not in self.about.content:
             self.about.content += line
 
-    def show_timeline(self, strip: TimelineSnapshot) -> None:
+    def show_timeline(self) -> None:
         """Take the queue as it is now."""
-        if self.at is not None and strip.intervals != self.strip.intervals:
-            frame = self.page.state.frame
-            places = [n for n, s in enumerate(strip.intervals) if s.first <= frame <= s.last]
-            self.at = places[0] if places else min(self.at, max(len(strip.intervals) - 1, 0))
-        self.strip = strip
-        self._met.update(dict.fromkeys((s.first, s.last) for s in strip.intervals))
+        queue, frame = self.intervals, self.page.state.frame
+        if self.at is not None and queue != self._queue:
+            places = [n for n, s in enumerate(queue) if s.first <= frame <= s.last]
+            self.at = places[0] if places else min(self.at, max(len(queue) - 1, 0))
+        self._queue = queue
+        self._met.update(dict.fromkeys((s.first, s.last) for s in queue))
         self._show()
 
     @property
@@ -314,11 +319,10 @@ class NextStep:
 
     def show(self) -> None:
         """Offer the step that the recording's state calls for; none while something runs."""
-        strip, idle = self.tracking.strip, self.tracking.progress.state == "idle"
-        session = self.tracking.session
+        state = self.page.state
         self.step = step = None
-        if idle and not session.live:
-            self.step = step = self._of(strip, bool(session.observed))
+        if state.progress.state == "idle" and not state.session.live:
+            self.step = step = self._of(state.strip, bool(state.session.observed))
         if step is not None:
             words, label, _ = step
             kind = "" if words else "handtrack-aside"
@@ -353,7 +357,7 @@ class NextStep:
         if len(tracked) < 2:
             words = phrase("The {kind} has a pose. Tracking carries it through all frames.")
             return (words, "Track all", lambda _: self.tracking.start("all"))
-        last, stop = strip.start + int(tracked[-1]), strip.start + len(strip.status)
+        last, stop = strip.start + int(tracked[-1]), strip.stop
         if last + 1 < stop:
             return (
                 "",

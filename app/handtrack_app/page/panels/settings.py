@@ -141,7 +141,6 @@ class SettingsPanel:
     page: Page
     tab: viser.GuiTabHandle
     refits: RefitSwitch
-    session: SessionSnapshot
     controls: dict[str, SettingWidget] = field(default_factory=dict)
     folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
     explanations: dict[str, viser.GuiHtmlHandle] = field(default_factory=dict)
@@ -149,7 +148,6 @@ class SettingsPanel:
 
     def fit(self, session: SessionSnapshot) -> None:
         """Show the values in force, and which of them session.toml does not have."""
-        self.session = session
         for name, one in self.controls.items():
             value = session.settings.get(name)
             one.show(value)
@@ -165,7 +163,7 @@ class SettingsPanel:
         self.saved.show(self.changed)
 
     def __post_init__(self) -> None:
-        page, gui, session = self.page, self.page.gui, self.session
+        page, gui, session = self.page, self.page.gui, self.page.state.session
         with self.tab:
             self.refits.build()
             self.saved = SavedSettings(
@@ -181,7 +179,7 @@ class SettingsPanel:
                         for setting in known:
                             if on_page(setting, session.settings[setting.name]) is not None:
                                 self._add(setting)
-            self.shape = ShapePanel(page, session)
+            self.shape = ShapePanel(page)
 
     def _show_what_counts(self, session: SessionSnapshot) -> None:
         """Offer settings of what the recording has, or of what somebody changed all the same."""
@@ -202,8 +200,9 @@ class SettingsPanel:
     @property
     def changed(self) -> dict[str, object]:
         """The settings in force that session.toml does not have, by name."""
-        own = self.session.own_settings
-        return {n: v for n, v in self.session.settings.items() if n in own and own[n] != v}
+        session = self.page.state.session
+        own = session.own_settings
+        return {n: v for n, v in session.settings.items() if n in own and own[n] != v}
 
     def _add(self, setting: Setting) -> None:
         set_it = self.page.engine.set_setting
@@ -219,11 +218,10 @@ class ShapePanel:
     """A list of all numbers; the one that is chosen has a slider."""
 
     page: Page
-    session: SessionSnapshot
 
     def __post_init__(self) -> None:
         """Add the widgets where the page builds now."""
-        page, gui, session = self.page, self.page.gui, self.session
+        page, gui, session = self.page, self.page.gui, self.page.state.session
         with gui.add_folder("Shape", expand_by_default=False) as self.folder:
             self.size = page.button(
                 "Fit the size", page.engine.fit_size, "ruler-measure",
@@ -238,7 +236,6 @@ class ShapePanel:
 
     def fit(self, session: SessionSnapshot) -> None:
         """Show the shape in force."""
-        self.session = session
         put(self.size, visible=session.kind == "hand" or KEYPOINTS in session.observed)
         labels = tuple(row.label for row in session.shape)
         if tuple(self.chosen.options) != labels:
@@ -248,7 +245,7 @@ class ShapePanel:
 
     @property
     def _row(self) -> ShapeNumber | None:
-        named = (row for row in self.session.shape if row.label == self.chosen.value)
+        named = (row for row in self.page.state.session.shape if row.label == self.chosen.value)
         return next(named, None)
 
     def _show_slider(self) -> None:
@@ -283,7 +280,6 @@ class LimitsPanel:
     page: Page
     tab: viser.GuiTabHandle
     refits: RefitSwitch
-    session: SessionSnapshot
     ranges: dict[str, viser.GuiMultiSliderHandle[float]] = field(default_factory=dict)
     folders: list[viser.GuiFolderHandle] = field(default_factory=list)
     names: tuple[str, ...] = ()
@@ -305,7 +301,6 @@ class LimitsPanel:
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the ranges for a session's joints, then show the limits in force."""
-        self.session = session
         if session.parameter_names != self.names:
             for folder in self.folders:
                 folder.remove()
@@ -331,7 +326,7 @@ class LimitsPanel:
 
     def _is_changed(self, name: str) -> bool:
         """Return whether the user set a joint's interval; else the model's holds."""
-        s, session = self.names.index(name), self.session
+        s, session = self.names.index(name), self.page.state.session
         return not np.array_equal(session.interval[s], session.own_interval[s])
 
     def _add_folder(

@@ -18,7 +18,6 @@ from handtrack_app.protocol.snapshots import (
     LiveSnapshot,
     ProgressSnapshot,
     RerunPage,
-    SessionSnapshot,
     TimelineSnapshot,
     WorkSnapshot,
 )
@@ -32,20 +31,11 @@ class TrackingPanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    session: SessionSnapshot
-    progress: ProgressSnapshot
-    strip: TimelineSnapshot
     starters: list[Any] = field(default_factory=list)
     followed: Callable[[], None] = lambda: None
 
-    def fit(self, session: SessionSnapshot) -> None:
-        """Offer what the session's size allows."""
-        self.session = session
-        self._show_size()
-
     def __post_init__(self) -> None:
-        page, session = self.page, self.session
-        last = max(session.stop - 1, session.start + 1)
+        page, session = self.page, self.page.state.session
         with self.tab:
             self.pause = page.button("Pause", self.pause_or_go_on, "player-pause", visible=False)
             self.cancel = page.button(
@@ -70,7 +60,7 @@ class TrackingPanel:
                 "Tracks first, then fits the size to the tracked frames, and tracks again with it.", visible=False,
             )  # fmt: skip
             if not session.live:
-                self._add_range(session, last)
+                self._add_range()
             hint = "Show the newest images; posing the {kind} halts them." if session.live else "Show each frame as it is tracked."  # fmt: skip
             self.follow = page.check(
                 "Follow", True, self._follow, page.phrase(hint), visible=session.live
@@ -92,15 +82,16 @@ class TrackingPanel:
                 "Opens rerun's viewer with every camera's residuals: of all tracked frames, and of each frame that is tracked from now on.",
             )  # fmt: skip
             self.rerun = page.gui.add_markdown("", visible=False)
-        self.show(self.progress)
+        self.show(page.state.progress)
 
-    def _add_range(self, session: SessionSnapshot, last: int) -> None:
+    def _add_range(self) -> None:
         """Offer parts of a recording."""
-        page, gui = self.page, self.page.gui
+        page, gui, strip = self.page, self.page.gui, self.page.state.strip
+        first, last = strip.start, max(strip.stop - 1, strip.start + 1)
         onward = page.buttons("From here", ("◀ backward", "forward ▶"), self.start)
         with gui.add_folder("Range") as span:
             self.range = gui.add_multi_slider(
-                "Frames", session.start, last, 1, initial_value=(session.start, last), min_range=0
+                "Frames", first, last, 1, initial_value=(first, last), min_range=0
             )
             page.button(
                 "Track range", lambda: self.start("range"), "arrows-horizontal",
@@ -110,24 +101,27 @@ class TrackingPanel:
         self._name_range()
         self.starters += [onward, span]
 
-    def show_timeline(self, strip: TimelineSnapshot) -> None:
+    @property
+    def _is_idle(self) -> bool:
+        return self.page.state.progress.state == "idle"
+
+    def show_timeline(self) -> None:
         """Offer what the frames that are tracked allow."""
-        self.strip = strip
         self._show_refine()
         self.show_frame()
 
     def _show_refine(self) -> None:
         """Offer it where frames are tracked."""
-        tracked = int((self.strip.status >= 0).sum()) > 1
-        idle = self.progress.state == "idle"
-        put(self.refine, visible=tracked and idle and not self.session.live)
+        state = self.page.state
+        tracked = int((state.strip.status >= 0).sum()) > 1
+        put(self.refine, visible=tracked and self._is_idle and not state.session.live)
 
     def show_frame(self) -> None:
         """Offer to track between the kept frames around the frame shown."""
-        ends = frozen_ends(self.strip, self.page.state.frame)
+        ends = frozen_ends(self.page.state.strip, self.page.state.frame)
         if ends is not None:
             put(self.between, label=f"Track between {ends[0]} and {ends[1]}")
-        put(self.between, visible=ends is not None and self.progress.state == "idle")
+        put(self.between, visible=ends is not None and self._is_idle)
 
     def show_rerun(self, rerun: RerunPage) -> None:
         """Show where the residuals of what is tracked can be seen."""
@@ -141,11 +135,15 @@ class TrackingPanel:
 
     def start(self, which: str) -> None:
         """Track: `all`, `here`, `range`, or as a button of the panel says."""
-        session, frame, strip = self.session, self.page.state.frame, self.strip
+        session, frame, strip = (
+            self.page.state.session,
+            self.page.state.frame,
+            self.page.state.strip,
+        )
         if which == "live":
             self._begin(self.page.engine.track_live)
         elif which == "all":
-            self.track(session.start, session.stop, session.first_frame, anew=True)
+            self.track(strip.start, strip.stop, session.first_frame, anew=True)
         elif which == "between":
             if (ends := frozen_ends(strip, frame)) is not None:
                 self.track(ends[0], ends[1] + 1, ends[0], both_ends=True)
@@ -154,9 +152,9 @@ class TrackingPanel:
         elif session.live:
             return  # there is but one frame
         elif which == "forward ▶":
-            self.track(frame, session.stop, frame)
+            self.track(frame, strip.stop, frame)
         elif which == "◀ backward":
-            self.track(session.start, frame + 1, frame)
+            self.track(strip.start, frame + 1, frame)
         else:
             first, last = self._chosen
             self.track(first, last + 1, nearest_posed(strip, first, last, frame))
@@ -172,12 +170,13 @@ class TrackingPanel:
 
     def pause_or_go_on(self) -> None:
         """Let tracking wait, or go on."""
-        self.page.engine.pause(self.progress.state != "paused")
+        self.page.engine.pause(self.page.state.progress.state != "paused")
 
-    def _show_size(self) -> None:
+    def show_size(self) -> None:
         """Offer to put the size's fit off while it is to be done."""
-        visible = self.session.size_pending and self.progress.state == "idle"
-        put(self.later, visible=visible, value=self.session.settings.get(_SIZE) == "later")
+        session = self.page.state.session
+        visible = session.size_pending and self._is_idle
+        put(self.later, visible=visible, value=session.settings.get(_SIZE) == "later")
 
     def _put_off(self, on: bool) -> None:
         words = self.page.phrase(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
@@ -190,23 +189,22 @@ class TrackingPanel:
     @property
     def _chosen(self) -> tuple[int, int]:
         """The first and last frame of the range."""
-        session = self.session
-        first, last = np.clip(sorted(self.range.value), session.start, session.stop - 1).tolist()
+        strip = self.page.state.strip
+        first, last = np.clip(sorted(self.range.value), strip.start, strip.stop - 1).tolist()
         return first, last
 
     def show(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing; only what can be pressed now is there."""
-        self.progress = progress
         busy = progress.state in ("tracking", "paused", "preparing")
         self.pause.visible = self.cancel.visible = busy
-        self.follow.visible = busy or self.session.live
+        self.follow.visible = busy or self.page.state.session.live
         put(self.follow, value=self.page.state.follow)
         paused = progress.state == "paused"
         icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
         put(self.pause, label="Resume" if paused else "Pause", icon=icon)
         for button in self.starters:
             put(button, visible=not busy)
-        self._show_size()
+        self.show_size()
         self._show_refine()
         self.show_frame()
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Callable
-from dataclasses import InitVar, asdict, dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import viser
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import bar, bordered, sheet
-from handtrack_app.page.page import Client, Page, Taste, put, remembered
+from handtrack_app.page.page import Client, Page, Taste, UserState, put, remembered
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.looking import ALL, CameraView, Looking
 from handtrack_app.page.scene.stage import Stage
@@ -62,10 +62,10 @@ class SessionPanel:
     tab: viser.GuiTabHandle
     stage: Stage
     room: Room
-    session: InitVar[SessionSnapshot]
 
-    def __post_init__(self, session: SessionSnapshot) -> None:
+    def __post_init__(self) -> None:
         page, gui, display = self.page, self.page.gui, self.page.state.display
+        session = page.state.session
         cameras = tuple(card.name for card in session.cameras)
         with self.tab:
             self.sheet = gui.add_html("", visible=False)
@@ -163,15 +163,16 @@ def leave_button(page: Page) -> viser.GuiButtonHandle:
     return page.button("Other recordings …", page.leave, "folders", hint)
 
 
-def head(session: SessionSnapshot | None, progress: ProgressSnapshot, saved: str = "") -> str:
+def head(session: SessionSnapshot | None, state: UserState, saved: str = "") -> str:
     """Return the head of the main panel: session, hand, what is going on, and whether the work is saved."""
+    progress = state.progress
     word, colour = _STATES[progress.state]
     title, facts = "Opening …", ""
     if session is not None:
         title = html.escape(session.name)
         number = len(session.cameras)
         cameras = f"{number} camera{'s' if number != 1 else ''}"
-        frames = "live" if session.live else f"{session.stop - session.start} frames"
+        frames = "live" if session.live else f"{len(state.strip.status)} frames"
         counts = f"{frames}, {cameras}, {session.fps:g} frames/s"
         facts = f"<div class='handtrack-counts handtrack-faint' title='{html.escape(session.model)}'>{counts}</div>"
         facts += f"<div>{_SAVED[saved]}</div>" if saved in _SAVED else ""

@@ -48,11 +48,11 @@ class Grips:
     """Each page has grips of its own, unseen, which follow the hand that is drawn for all: what is drawn takes no drags."""
 
     def __init__(
-        self, page: Page, card_of: Callable[[Client], Camera | None], session: SessionSnapshot, pose: PoseSnapshot
-    ) -> None:  # fmt: skip
+        self, page: Page, card_of: Callable[[Client], Camera | None], pose: PoseSnapshot
+    ) -> None:
         """card_of: the camera that a client looks through."""
         self._page, self._card_of = page, card_of
-        self._session, self._pose = session, pose
+        self._pose = pose
         self._count = 0
         self.by_images = True
         """what was seen holds the rest of the hand while a joint is dragged; else it changes least"""
@@ -64,12 +64,14 @@ class Grips:
         dragged takes the pointer from what it hides, the handle's arrows too
         """
 
-    def fit(self, session: SessionSnapshot) -> None:
-        """Take the model of a session."""
-        before, self._session = self._session, session
-        if before.model != session.model:
-            for client in self._page.clients.values():
-                _let_go(client)
+    @property
+    def _session(self) -> SessionSnapshot:
+        return self._page.state.session
+
+    def let_go(self) -> None:
+        """The model is another."""
+        for client in self._page.clients.values():
+            _let_go(client)
 
     def show(self, pose: PoseSnapshot) -> None:
         """Follow a pose."""

@@ -6,7 +6,6 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -41,6 +40,10 @@ _BEHIND = 0.16  # [m] from the hand to the screen: a flat hand cannot touch it
 _IN_THE_WAY = ("/cameras", "/ground")
 """of who looks through a camera: its neighbour's picture could stand before the hand"""
 _SCREEN = "/screen"
+ALL = "*"
+"""what a page looks through that sees all cameras: close pictures of the hand in a panel over the scene"""
+CLOSE = "close"
+"""what such a picture is called among what is painted over a camera's image"""
 Picture = tuple[str, str]
 """a camera, and what is painted over its image"""
 Clicked = viser.SceneNodePointerEvent[viser.ImageHandle]
@@ -66,11 +69,12 @@ class Looking:
 
     def __init__(self, page: Page, names: CameraNames, cards: dict[str, Camera]) -> None:
         """cards: the session's cameras, as they are now."""
-        self._page, self._cards = page, cards
-        self.views, self.close_ups = Views(page), CloseUps(page, names)
-        self._pointed: Pointed = lambda camera, pixel, phase: None
-        self.painter: Client | None = None
-        """whose drags over an image are listened to"""
+        self._page, self._names, self._cards = page, names, cards
+        self.views = Views(page)
+        self._close: dict[str, str] = {}
+        """close pictures by camera, as HTML"""
+        self._close_of: int | None = None
+        """the frame that they are of"""
 
     @property
     def anyone(self) -> bool:
@@ -90,7 +94,11 @@ class Looking:
             for name in _IN_THE_WAY:
                 shown = internals.messages.SetSceneNodeVisibilityMessage(name, card is None)
                 internals.send(client.handle, shown)
-            (self.close_ups.enter if camera == ALL else self.close_ups.leave)(client)
+            if camera == ALL:
+                self._add_close_ups(client)
+            elif client.close_ups is not None:
+                client.close_ups[0].remove()
+                client.close_ups = None
             if card is None:
                 self.views.leave(client)
             else:
@@ -115,6 +123,22 @@ class Looking:
         if any(one.through == ALL for one in clients):
             chosen += [(camera, CLOSE) for camera in self._cards]
         return tuple(dict.fromkeys(one for one in chosen if one is not None))
+
+    def _add_close_ups(self, client: Client) -> None:
+        """Show a page all cameras."""
+        if client.close_ups is None:
+            panel = client.handle.gui.add_panel()
+            with panel.add_tab("All cameras"):
+                client.close_ups = panel, client.handle.gui.add_html("")
+            panel.float(x=16, y=16, width=560)
+            self.draw_close_ups()
+
+    def draw_close_ups(self) -> None:
+        """Show all cameras' pictures, with their names, to those who see them."""
+        named = {self._names.of(camera): one for camera, one in self._close.items()}
+        for client in self._page.clients.values():
+            if (opened := client.close_ups) is not None:
+                put(opened[1], content=pictures(named, "handtrack-picture"))
 
     def _add_screen(self, client: Client) -> Screen:
         """Add a page's screen, and have its pointer over that and its camera heard from now on."""
@@ -143,17 +167,15 @@ class Looking:
 
     def listen(self, client: Client, pointed: Pointed) -> None:
         """Tell where a page drags or clicks on the camera's image that it sees, until `hush`."""
-        self.hush()
         if client.screen is not None:
-            self.painter, self._pointed = client, pointed
+            client.pointed = pointed
             client.screen.image.on_click(partial(self._clicked, client))
 
-    def hush(self) -> None:
+    def hush(self, client: Client) -> None:
         """Listen no more: drags turn the view again."""
-        painter, self.painter = self.painter, None
-        if painter is not None and painter.screen is not None:
-            with suppress(RuntimeError):  # its page has gone
-                painter.screen.image.remove_click_callback()
+        before, client.pointed = client.pointed, None
+        if before is not None and client.screen is not None:
+            client.screen.image.remove_click_callback()
 
     # in order, on viser's loop: a little arithmetic, and sent on
 
@@ -161,7 +183,7 @@ class Looking:
         self._report(client, np.add(event.ray_origin, event.ray_direction), "click")
 
     async def _dragged_left(self, client: Client, event: Dragged) -> None:
-        if client is self.painter:
+        if client.pointed is not None:
             begins = event.phase == "start"
             if begins:
                 self._report(client, np.asarray(event.start_position, float), "start")
@@ -178,16 +200,19 @@ class Looking:
                 self.views.drag(client, pixel, event.end_screen_pos)
 
     def _report(self, client: Client, through: Floats[D3], phase: str) -> None:
-        screen, card = client.screen, self.card(client)
-        if screen is not None and card is not None:
+        screen, card, pointed = client.screen, self.card(client), client.pointed
+        if screen is not None and card is not None and pointed is not None:
             eye = np.asarray(client.handle.camera.position, dtype=float)
             at = _pixel(card, screen.depth[card.name], eye, through)
             if at is not None:
-                self._pointed(card.name, at, phase)
+                pointed(card.name, at, phase)
 
     def show(self, images: dict[Picture, Bytes[H, W, D3]], frame: int) -> None:
         """Show the pictures of a frame that came."""
-        self.close_ups.show(images, frame)
+        close = {c: as_html(one, c) for (c, paint), one in images.items() if paint == CLOSE}
+        if close:
+            self._close, self._close_of = close, frame
+            self.draw_close_ups()
         for screen in self._screens:
             if screen.picture in images:
                 screen.image.image = images[screen.picture]
@@ -201,7 +226,9 @@ class Looking:
 
     def clear_late(self, moments: Moments) -> None:
         """Hide pictures of frames that were shown too long ago."""
-        self.close_ups.clear_late(moments)
+        if self._close and not moments.fits(self._close_of):
+            self._close = {}
+            self.draw_close_ups()
         for screen in self._screens:
             if screen.image.visible and not moments.fits(screen.frame):
                 screen.image.visible = False
@@ -459,63 +486,3 @@ class Views:
             if place is None or not all(_INSIDE <= share <= 1 - _INSIDE for share in place):
                 return False
         return 0.5 < view.zoom.times / wanted.times < 2.0
-
-
-# ---- All cameras at once: close pictures of the hand in a panel over the scene
-
-
-ALL = "*"
-"""what a page looks through that sees all cameras"""
-CLOSE = "close"
-"""what such a picture is called among what is painted over a camera's image"""
-
-
-@dataclass
-class CloseUps:
-    """The pages that see all cameras. Called by viser's threads and the view thread."""
-
-    page: Page
-    names: CameraNames
-    _pictures: dict[str, str] = field(default_factory=dict)
-    """by camera, as HTML"""
-    _frame: int | None = None
-    """what the pictures are of"""
-
-    def enter(self, client: Client) -> None:
-        """Show a page all cameras."""
-        if client.close_ups is None:
-            panel = client.handle.gui.add_panel()
-            with panel.add_tab("All cameras"):
-                client.close_ups = panel, client.handle.gui.add_html("")
-            panel.float(x=16, y=16, width=560)
-            self.draw()
-
-    def leave(self, client: Client) -> None:
-        """Show it no more."""
-        opened, client.close_ups = client.close_ups, None
-        if opened is not None:
-            opened[0].remove()
-
-    def show(self, images: dict[Picture, Bytes[H, W, D3]], frame: int) -> None:
-        """Show the pictures of a frame that came."""
-        close = {
-            camera: as_html(one, camera)
-            for (camera, paint), one in images.items()
-            if paint == CLOSE
-        }
-        if close:
-            self._pictures, self._frame = close, frame
-            self.draw()
-
-    def clear_late(self, moments: Moments) -> None:
-        """Hide pictures of a frame that was shown too long ago."""
-        if self._pictures and not moments.fits(self._frame):
-            self._pictures = {}
-            self.draw()
-
-    def draw(self) -> None:
-        """Show the pictures, with the cameras' names."""
-        named = {self.names.of(camera): one for camera, one in self._pictures.items()}
-        for client in self.page.clients.values():
-            if (opened := client.close_ups) is not None:
-                put(opened[1], content=pictures(named, "handtrack-picture"))

@@ -59,15 +59,13 @@ from handtrack_app.protocol.snapshots import (
 class Stage:
     """Owns the scene's handles."""
 
-    def __init__(self, page: Page, session: SessionSnapshot, pose: PoseSnapshot) -> None:
-        self.page, self.session, self.pose = page, session, pose
-        server = page.server
+    def __init__(self, page: Page, pose: PoseSnapshot) -> None:
+        self.page, self.session, self.pose = page, page.state.session, pose
+        server, session = page.server, self.session
         self.cloud = CloudView(server, "/cloud/points")
         self.surface: viser.MeshHandle = add_surface(server, "/surface")
         self._surface_at: tuple[int, int, str] | None = None
         self.moments = Moments()
-        self._marking = False
-        """a box is to be dragged over an image: nothing stands before it"""
         self.take_guess: Callable[[int], None] = lambda rank: None
         self.stopped_painting: Callable[[], None] = lambda: None
         self.names = CameraNames()
@@ -76,7 +74,7 @@ class Stage:
         self.hand: HandView = add_hand(server, session)
         self.root = RootHandle(server, "/root", page.edit_pose, self._larger)
         self.looking = Looking(page, self.names, self.cameras.cards)
-        self.grips = Grips(page, self._grasped, session, pose)
+        self.grips = Grips(page, self._grasped, pose)
         self.ghosts = Ghosts(
             server,
             "/ghosts",
@@ -92,7 +90,7 @@ class Stage:
         if (before.bone_names, before.model) != (session.bone_names, session.model):
             remove_hand(self.hand)
             self.hand = add_hand(self.page.server, session)
-        self.grips.fit(session)
+            self.grips.let_go()
         if not session.clouds.source:
             self.cloud.cloud = None
         self.page.redraw()
@@ -115,10 +113,15 @@ class Stage:
             self.grips.place()
 
     @property
+    def marking(self) -> bool:
+        """Whether somebody drags a box over an image or paints it: nothing stands before it."""
+        return any(one.box or one.pointed for one in self.page.clients.values())
+
+    @property
     def display(self) -> Display:
         """What is drawn now."""
         display = self.page.state.display
-        if not (self._marking or display.hidden):
+        if not (self.marking or display.hidden):
             return display
         # without all that stands before the image
         return replace(display, mode="", cloud=False, ghosts=False, handle=False, truth=False)
@@ -165,7 +168,7 @@ class Stage:
 
     def _grasped(self, client: Client) -> Camera | None:
         """Return the camera through which a page can take hold of the hand: not while its image is painted or marked."""
-        return None if self._marking else self.looking.card(client)
+        return None if self.marking else self.looking.card(client)
 
     # ---- snapshots
 
@@ -199,7 +202,7 @@ class Stage:
     def _name_cameras(self) -> None:
         for camera, label in self.cameras.labels.items():
             put(label, text=self.names.of(camera))
-        self.looking.close_ups.draw()
+        self.looking.draw_close_ups()
 
     def _fits(self, pose: PoseSnapshot) -> bool:
         """Whether a pose is of the model that stands in the scene, and not of the one before."""
@@ -212,20 +215,14 @@ class Stage:
         put(self.root.control, visible=shown)
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
-        """Show the cameras' pictures."""
+        """Show the cameras' pictures, or the masks over them."""
         if not self.moments.fits(pictures.frame):
             return
-        if not self.page.state.display.masks and pictures.thumbnails:
+        display = self.page.state.display
+        wanted = display.images if isinstance(pictures, MaskPicture) else not display.masks
+        if wanted and pictures.thumbnails:
             self.cameras.show_images(pictures.thumbnails, pictures.frame)
         self.looking.show(pictures.screens, pictures.frame)
-
-    def show_masks(self, masks: MaskPicture) -> None:
-        """Show the cameras' masks."""
-        if not self.moments.fits(masks.frame):
-            return
-        if self.page.state.display.images:
-            self.cameras.show_images(masks.small, masks.frame)
-        self.looking.show(masks.screens, masks.frame)
 
     def clear_late(self) -> None:
         """Show nothing any more that is of a frame that was shown too long ago. Called now and then."""
@@ -273,17 +270,11 @@ class Stage:
         camera: str | None,
         client: Client,
         everything: bool = False,
-        marking: bool = False,
     ) -> None:
-        """Let a page look through a camera, or freely (None) at the hand or at everything, or at what `ALL` cameras see.
-
-        marking: at the bare image.
-        """
+        """Let a page look through a camera, or freely (None) at the hand or at everything, or at what `ALL` cameras see."""
         self._end_mark(client)
-        paints = self.looking.painter  # another page does not end it
-        if paints is client or paints not in self.page.clients.values():
-            self._marking = marking
-            self.looking.hush()
+        self.looking.hush(client)
+        if not any(one.pointed for one in self.page.clients.values()):
             self.stopped_painting()
         self.looking.set_through(client, camera)
         if camera is None:
@@ -295,10 +286,10 @@ class Stage:
         """Look through a camera at its mask, and tell where its image is touched, until somebody looks elsewhere. task: in words."""
         if camera not in self.cameras.cards:
             return
-        self.look(camera, client, marking=True)
+        self.look(camera, client)
         self.looking.set_paint(client, "mask")
-        self.page.redraw()
         self.looking.listen(client, pointed)
+        self.page.redraw()
         self.looking.views.ask(client, task)
 
     def mark_box(
@@ -311,21 +302,21 @@ class Stage:
         """Look through a camera, and hand over the next rectangle dragged over its image. over: what it is to show, in words."""
         if camera not in self.cameras.cards:
             return
-        self.look(camera, client, marking=True)
+        self.look(camera, client)
         card = self.cameras.cards[camera]
 
         @client.handle.scene.on_rect_select()
         def once(event: viser.SceneRectSelectEvent) -> None:
+            if client.box is None:
+                return  # it looked elsewhere meanwhile
             self._end_mark(client)
-            if not self._marking or client.through != camera:
-                return
-            self._marking = False
             self.page.redraw()
             box = pixel_box(event.client.camera, card, (event.screen_min, event.screen_max))
             if box is not None:
                 marked(box)
 
         client.box = once
+        self.page.redraw()
         words = f"Drag a box over {over}. The model is hidden until then; key 0 returns to the orbit view."
         self.looking.views.ask(client, words)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import InitVar, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 
 import viser
@@ -16,7 +16,7 @@ from handtrack_app.page.time.lanes import (
     lanes_of,
     lanes_picture,
 )
-from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot, TimelineSnapshot
+from handtrack_app.protocol.snapshots import PoseSnapshot
 
 _PLAY: tuple[str, ...] = ("⇤", "←", "▶", "→", "⇥")
 _ZOOM: tuple[str, ...] = ("+", "−", "↔", "☰")
@@ -30,8 +30,6 @@ class TimelinePanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    session: InitVar[SessionSnapshot]
-    strip: TimelineSnapshot
     every: bool = False
     """all lanes, not only the first ones"""
     moved: Callable[[], None] = lambda: None
@@ -39,14 +37,14 @@ class TimelinePanel:
     _lanes: list[Lane] = field(default_factory=list)
     _pose: PoseSnapshot | None = None
 
-    def __post_init__(self, session: SessionSnapshot) -> None:
+    def __post_init__(self) -> None:
         page, gui = self.page, self.page.gui
-        self.window, self._frame = Window.whole(self.frames), session.first_frame
+        self.window, self._frame = Window.whole(self.frames), page.state.session.first_frame
         with self.tab:
             self.picture = gui.add_html("")
             self.cursor = gui.add_html("")
             self.slider = gui.add_slider(
-                "Frame", self.window.first, self.window.last, 1, session.first_frame
+                "Frame", self.window.first, self.window.last, 1, self._frame
             )
             self.play = page.buttons(
                 "Playback", _PLAY, self._pressed, "First frame, back, play or pause, next, last frame. Keys: Space, arrows.",
@@ -63,7 +61,7 @@ class TimelinePanel:
 
     def _pressed(self, key: str) -> None:
         page, state = self.page, self.page.state
-        targets = (state.start, state.frame - 1, None, state.frame + 1, state.stop - 1)
+        targets = (state.strip.start, state.frame - 1, None, state.frame + 1, state.strip.stop - 1)
         target = targets[_PLAY.index(key)]
         page.play(target is None and not state.playing)
         if target is not None:
@@ -72,8 +70,7 @@ class TimelinePanel:
     @property
     def frames(self) -> range:
         """Those of the recording."""
-        start = self.strip.start
-        return range(start, start + len(self.strip.status))
+        return range(self.page.state.strip.start, self.page.state.strip.stop)
 
     def look_closer(self, how: str) -> None:
         """Show fewer frames or more, all, or other lanes: a button's sign, of `_ZOOM`."""
@@ -105,17 +102,17 @@ class TimelinePanel:
         self._pose = pose
         self.show_frame(pose.frame)
 
-    def show_timeline(self, strip: TimelineSnapshot) -> None:
+    def show_timeline(self) -> None:
         """Take the recording's new status and energies."""
-        self.strip = strip
         if self.window.frames != self.frames:  # frames are counted, or come, while the page is open
             self.window = Window.whole(self.frames)
         self._redraw()
 
     def _redraw(self) -> None:
         """Send all lanes again."""
-        self._lanes = lanes_of(self.strip, self.window, self.every)
-        put(self.picture, content=lanes_picture(self._lanes, self.strip, self.window, self.every))
+        strip = self.page.state.strip
+        self._lanes = lanes_of(strip, self.window, self.every)
+        put(self.picture, content=lanes_picture(self._lanes, strip, self.window, self.every))
         put(self.slider, min=self.window.first, max=self.window.last)
         self._show_numbers()
 
