@@ -56,7 +56,7 @@ class Taker:
 
     def done(self) -> None:
         """Wait until work that was asked for has ended."""
-        job = self.bench.layout.tracking
+        job = self.bench.state
         self.until(lambda: job.progress.state != "idle")
         self.until(lambda: job.progress.state == "idle", _LONG_S)
 

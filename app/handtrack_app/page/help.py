@@ -10,7 +10,7 @@ from functools import partial
 import viser
 
 from handtrack_app.page.html import text
-from handtrack_app.page.page import Client, Page, put, remembered
+from handtrack_app.page.page import Client, Page, Part, put, remembered
 from handtrack_app.page.panels.tracking import TrackingPanel
 
 _KEPT_AS = "handtrack.toured"  # in the browser's storage
@@ -48,10 +48,9 @@ TOUR = (
 
 
 @dataclass
-class Help:
+class Help(Part):
     """Help and tour of the pages."""
 
-    page: Page
     leave: Callable[[Client], None]
     """leaves a camera's view"""
     marks: tuple[Callable[[], object], ...]
@@ -59,7 +58,7 @@ class Help:
     offers_tour: bool = False
     """to who comes for the first time"""
 
-    def __post_init__(self) -> None:
+    def build(self) -> None:
         key = self.page.key
         key("Help: all keys", "shift+H", self.show, by_page=True)
         key("Tour: five things to do", "", self.tour, by_page=True)

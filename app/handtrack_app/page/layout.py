@@ -13,7 +13,7 @@ import viser
 
 from handtrack_app.page.help import Help, add_work_keys
 from handtrack_app.page.html import bordered, dress, escaped, line
-from handtrack_app.page.page import DONE, GUIDE, INFO, Page, put
+from handtrack_app.page.page import DONE, GUIDE, INFO, Page, Part, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.export import ExportPanel
 from handtrack_app.page.panels.masks import MaskPanel
@@ -115,7 +115,7 @@ class PageLayout:
         refits = RefitSwitch(page)
         GrabKeys(page, stage.root.control)
         joints = posing.add_tab("Joints")
-        self.pose = PosePanel(page, card, joints, stage.grips, shown)
+        self.pose = PosePanel(page, joints, card, stage.grips, shown)
         self.guesses = self.pose.guesses
         stage.take_guess = self.guesses.take
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
@@ -136,7 +136,7 @@ class PageLayout:
             lambda: self.export.delivered,
         )
         self.help = Help(page, self.session.leave, marks)
-        self.messages.build(others.add_tab("Messages"))
+        self.messages.list_in(others.add_tab("Messages"))
 
         below = gui.add_panel()
         timeline = below.add_tab("Timeline")
@@ -253,10 +253,9 @@ _NONE = escaped("No messages yet.")
 
 
 @dataclass
-class Messages:
+class Messages(Part):
     """The note in the head of the main panel, and the tab with all messages."""
 
-    page: Page
     is_posed: bool = False
     """there is a pose: guidance to the first one has done its work"""
     _all: deque[Notice] = field(default_factory=lambda: deque(maxlen=_MOST))
@@ -265,16 +264,16 @@ class Messages:
     said: viser.GuiHtmlHandle | None = None
     """of all messages, once there is a session"""
 
-    def __post_init__(self) -> None:
+    def build(self) -> None:
         """Add the note where the page builds now."""
-        gui = self.page.gui
+        gui = self.gui
         self.note = gui.add_html("", visible=False)
         self.away = self.page.button("Put away", self.put_away, visible=False)
 
-    def build(self, tab: viser.GuiTabHandle) -> None:
+    def list_in(self, tab: viser.GuiTabHandle) -> None:
         """Add the list of all messages to a tab."""
         with tab:
-            self.said = self.page.gui.add_html("")
+            self.said = self.gui.add_html("")
         self._show()
 
     def take(self, notice: Notice) -> None:

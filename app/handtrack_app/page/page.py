@@ -507,3 +507,33 @@ def put(handle: object, **values: object) -> None:
     for name, value in values.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)
+
+
+# ---- What the page consists of
+
+
+@dataclass
+class Part:
+    """A part of the page, built where that builds now."""
+
+    page: Page
+
+    def __post_init__(self) -> None:
+        page = self.page
+        self.gui, self.state, self.engine = page.gui, page.state, page.engine
+        self.build()
+
+    def build(self) -> None:
+        """Add its widgets and keys."""
+        raise NotImplementedError
+
+
+@dataclass
+class Panel(Part):
+    """A tab, or a part of one."""
+
+    tab: viser.GuiTabHandle
+
+    def __post_init__(self) -> None:
+        with self.tab:
+            super().__post_init__()

@@ -13,7 +13,7 @@ import viser
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack_app.page.html import chip, escaped, line, picture, pictures, rgb, table, text
-from handtrack_app.page.page import Client, Page, put
+from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.settings import Box, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
 from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, SessionSnapshot
@@ -36,11 +36,9 @@ _LABELS = {"component": "Part"}
 
 
 @dataclass
-class CloudPanel:
+class CloudPanel(Panel):
     """Handles of the cloud tab, and of the large picture above the scene."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     mark: Callable[..., None]
     """`Stage.mark_box`"""
     large: viser.PanelHandle | None = None
@@ -49,31 +47,9 @@ class CloudPanel:
     """settings of [clouds]; 0 switches a filter off"""
     skin: SkinControls | None = None
 
-    def __post_init__(self) -> None:
-        with self.tab:
-            self._build(self.page.state.session.clouds)
-
-    def fit(self, session: SessionSnapshot) -> None:
-        """Show the settings in force."""
-        card = session.clouds
-        for name, one in self.known.items():
-            one.show(card.values.get(name))
-        self.known["front_m"].widget.disabled = card.values.get("component") != "nearest"
-        for folder in self.folders:
-            put(folder, visible=bool(card.source))
-        if self.skin is not None:
-            self.skin.fit(card)
-            put(self.skin.folder, visible=bool(card.source))
-        if card.pairs:
-            self._offer_pair()
-        if not card.source:
-            self.counts.content = ""
-        self._offer_pictures(card)
-        self.saved.show(card.unsaved)
-        self.note.content = _note(card)
-
-    def _build(self, card: CloudCard) -> None:
-        page, gui, display = self.page, self.page.gui, self.page.state.display
+    def build(self) -> None:
+        page, gui, display = self.page, self.gui, self.state.display
+        card = self.state.session.clouds
         self.picture = gui.add_html("", visible=False)
         self.said = gui.add_html("")
         self.counts = gui.add_html("")
@@ -100,7 +76,7 @@ class CloudPanel:
             self._add(*THIN)
         self.folders = (self.scene, crop, thin)
         if card.image_cameras:  # else there is no colour
-            self.skin = SkinControls(page, card, self.set, self._mark)
+            self.skin = SkinControls(page, self.set, self._mark)
         if card.pairs:
             with gui.add_folder("Stereo", expand_by_default=not card.source):
                 pairs = {" – ".join(pair): pair for pair in card.pairs}
@@ -115,6 +91,25 @@ class CloudPanel:
             page, "clouds", "the table [clouds]", "Discards unsaved changes."
         )  # fmt: skip
 
+    def fit(self, session: SessionSnapshot) -> None:
+        """Show the settings in force."""
+        card = session.clouds
+        for name, one in self.known.items():
+            one.show(card.values.get(name))
+        self.known["front_m"].widget.disabled = card.values.get("component") != "nearest"
+        for folder in self.folders:
+            put(folder, visible=bool(card.source))
+        if self.skin is not None:
+            self.skin.fit(card)
+            put(self.skin.folder, visible=bool(card.source))
+        if card.pairs:
+            self._offer_pair()
+        if not card.source:
+            self.counts.content = ""
+        self._offer_pictures(card)
+        self.saved.show(card.unsaved)
+        self.note.content = _note(card)
+
     def _add(self, *names: str) -> None:
         """Add settings where the page builds now."""
         for name in names:
@@ -126,20 +121,20 @@ class CloudPanel:
     @property
     def pair(self) -> tuple[str, str] | None:
         """The pair that is looked at."""
-        return self.page.state.display.stereo_pair or self.page.state.session.clouds.pair
+        return self.state.display.stereo_pair or self.state.session.clouds.pair
 
     def _choose_pair(self, pair: tuple[str, str]) -> None:
         self.page.draw("stereo_pair", pair)
         self._offer_pair()
 
     def _offer_pair(self) -> None:
-        card = self.page.state.session.clouds
+        card = self.state.session.clouds
         used = card.source == "stereo" and self.pair == card.pair
         put(self.take_pair, visible=not used)
 
     def set(self, **values: object) -> None:
         """Change settings of [clouds]."""
-        self.page.engine.set_clouds(values)
+        self.engine.set_clouds(values)
 
     def _mark(self, camera: str, client: Client, marked: Callable[..., None]) -> None:
         """Have a box dragged over a camera's image; the large picture would stand before it."""
@@ -151,14 +146,14 @@ class CloudPanel:
         """Offer the pictures that there are."""
         some = {"images": bool(card.source), "stereo": bool(card.pairs), "none": True}
         words = {w: p for w, p in _PICTURES.items() if some[p]}
-        wished = self.page.state.display.cloud_picture
+        wished = self.state.display.cloud_picture
         shown = next((w for w, p in words.items() if p == wished), "none")
         put(self.which, options=tuple(words), value=shown)
         self.which.visible = self.wide.visible = len(words) > 1
 
     def _show(self, name: str, value: object) -> None:
         self.page.draw(name, value)
-        self.legend.visible = self.page.state.display.cloud_colour == "residual"
+        self.legend.visible = self.state.display.cloud_colour == "residual"
         self._place_picture()
 
     # ---- snapshots
@@ -178,7 +173,7 @@ class CloudPanel:
 
     def _large(self) -> viser.GuiHtmlHandle:
         if self.large_picture is None:
-            gui = self.page.gui
+            gui = self.gui
             self.large = gui.add_panel()
             with self.large.add_tab("Picture"):
                 self.large_picture = gui.add_html("")
@@ -186,7 +181,7 @@ class CloudPanel:
         return self.large_picture
 
     def _place_picture(self) -> None:
-        display = self.page.state.display
+        display = self.state.display
         some = display.cloud_picture != "none"
         self.picture.visible = some and not display.cloud_wide
         if self.large is not None:
@@ -259,22 +254,24 @@ def ramp_legend(cloud: CloudSnapshot | None = None) -> str:
 _SIZE = (0.5, 10.0, 0.1)
 
 
-class SkinControls:
+@dataclass
+class SkinControls(Part):
     """Where the colour is taken from, and how far from it counts."""
 
-    def __init__(
-        self, page: Page, card: CloudCard, set_: Callable[..., None], mark: Callable[..., None]
-    ) -> None:
-        """set_(name=value, …) changes settings of [clouds]; mark as of the panel."""
-        self.page, self.set, self.mark = page, set_, mark
-        self.ellipse: SkinEllipse | None = None
-        """in force, or before it was switched off"""
-        gui = page.gui
+    set: Callable[..., None]
+    """changes settings of [clouds] by their names"""
+    mark: Callable[..., None]
+    """as of the panel"""
+    ellipse: SkinEllipse | None = None
+    """in force, or before it was switched off"""
+
+    def build(self) -> None:
+        page, gui = self.page, self.gui
         self.folder = gui.add_folder("Skin colour", expand_by_default=False)
         with self.folder:
             self.words = gui.add_html("")
             self.on = page.check(
-                "Skin only", False, lambda on: set_(skin=self.ellipse if on else None), "Drop points of other colours."
+                "Skin only", False, lambda on: self.set(skin=self.ellipse if on else None), "Drop points of other colours."
             )  # fmt: skip
             self.size = page.bind(
                 gui.add_slider(
@@ -283,7 +280,9 @@ class SkinControls:
                 ),
                 self._resize,
             )  # fmt: skip
-            self.camera = page.choice("Box in", card.image_cameras, lambda _: None)
+            self.camera = page.choice(
+                "Box in", self.state.session.clouds.image_cameras, lambda _: None
+            )
             self.drag = page.button(
                 "Drag a box over the image", self._drag, "marquee-2",
                 "Opens the camera view; drag over skin, away from its edges.", by_page=True,
@@ -302,8 +301,8 @@ class SkinControls:
 
     def take(self, box: Box | None) -> None:
         """Take the colour in a box of the camera's image, or in what was painted."""
-        frame, camera = self.page.state.frame, self.camera.value
-        self.page.engine.sample_skin(frame, camera, box, self.size.value)
+        frame, camera = self.state.frame, self.camera.value
+        self.engine.sample_skin(frame, camera, box, self.size.value)
 
     def fit(self, card: CloudCard) -> None:
         """Show the ellipse in force."""

@@ -5,50 +5,45 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-import viser
-
 from handtrack.export.registry import AXES, FORMATS, ExportFormat
 from handtrack_app.page.html import escaped
-from handtrack_app.page.page import Client, Page
+from handtrack_app.page.page import Client, Panel
 from handtrack_app.protocol.snapshots import Download
 
 _AS_RECORDED = "as recorded"
 
 
 @dataclass
-class ExportPanel:
+class ExportPanel(Panel):
     """Handles of the export tab."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     delivered: int = 0
     """files so far"""
 
-    def __post_init__(self) -> None:
-        gui, page = self.page.gui, self.page
-        with self.tab:
-            gui.add_html(escaped("Exports the frames tracked so far for other programs."))
-            self.up = gui.add_dropdown(
-                "Up axis",
-                (_AS_RECORDED, *AXES),
-                initial_value=_AS_RECORDED,
-                hint="The axis of the calibration's world that points up. Where a file format has an up axis of its own, the motion is rotated to stand upright.",
-            )
-            page.button(
-                "First-frame pose (JSON)", lambda client: page.engine.export("init", client.handle.client_id), "download",
-                "Downloads the pose you see as init.json. The session stays as it is.", by_page=True,
-            )  # fmt: skip
-            for group in dict.fromkeys(known.group for known in FORMATS):
-                with gui.add_folder(group, expand_by_default=group == FORMATS[0].group):
-                    gui.add_html("<div class='handtrack-queue'></div>")
-                    for known in FORMATS:
-                        if known.group == group:
-                            act = partial(self._download, known)
-                            page.button(card_words(known), act, "download", by_page=True)
+    def build(self) -> None:
+        gui, page = self.gui, self.page
+        gui.add_html(escaped("Exports the frames tracked so far for other programs."))
+        self.up = gui.add_dropdown(
+            "Up axis",
+            (_AS_RECORDED, *AXES),
+            initial_value=_AS_RECORDED,
+            hint="The axis of the calibration's world that points up. Where a file format has an up axis of its own, the motion is rotated to stand upright.",
+        )
+        page.button(
+            "First-frame pose (JSON)", lambda client: page.engine.export("init", client.handle.client_id), "download",
+            "Downloads the pose you see as init.json. The session stays as it is.", by_page=True,
+        )  # fmt: skip
+        for group in dict.fromkeys(known.group for known in FORMATS):
+            with gui.add_folder(group, expand_by_default=group == FORMATS[0].group):
+                gui.add_html("<div class='handtrack-queue'></div>")
+                for known in FORMATS:
+                    if known.group == group:
+                        act = partial(self._download, known)
+                        page.button(card_words(known), act, "download", by_page=True)
 
     def _download(self, known: ExportFormat, client: Client) -> None:
         axis = self.up.value if known.up and self.up.value != _AS_RECORDED else ""
-        self.page.engine.export(known.name, client.handle.client_id, axis)
+        self.engine.export(known.name, client.handle.client_id, axis)
 
     def deliver(self, download: Download) -> None:
         """Send a file to the client that asked for it."""

@@ -7,47 +7,33 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import count
 
 import viser
 
 from handtrack.setting import Setting
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, sheet, text
-from handtrack_app.page.page import Client, Page, put
+from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.settings import SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
-from handtrack_app.protocol.snapshots import MaskCameraCard, MaskCard, MaskPicture, SessionSnapshot
+from handtrack_app.protocol.snapshots import MaskCameraCard, MaskPicture, SessionSnapshot
 
 ALL = "all cameras"
 
 
 @dataclass
-class MaskPanel:
+class MaskPanel(Panel):
     """Handles of the mask tab."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     stage: Stage
     methods: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
     """a folder for each method, of which the one in force shows"""
     settings: dict[str, dict[str, SettingWidget]] = field(default_factory=dict)
     """by method and name"""
 
-    def __post_init__(self) -> None:
-        with self.tab:
-            self._build(self.page.state.session.masks)
-
-    def fit(self, session: SessionSnapshot) -> None:
-        """Show what is in force."""
-        card = session.masks
-        self._show_chosen()
-        self.note.content = escaped(card.words)
-        self.saved.show(f"masks of {name}" for name in card.unsaved)
-
-    def _build(self, card: MaskCard) -> None:
-        page, gui = self.page, self.page.gui
+    def build(self) -> None:
+        page, gui, card = self.page, self.gui, self.state.session.masks
         names = tuple(camera.name for camera in card.cameras)
         possible = [n for n in METHOD_WORDS if any(n in camera.possible for camera in card.cameras)]
         self.sheet = gui.add_html("", visible=False)
@@ -85,6 +71,13 @@ class MaskPanel:
         )  # fmt: skip
         self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
 
+    def fit(self, session: SessionSnapshot) -> None:
+        """Show what is in force."""
+        card = session.masks
+        self._show_chosen()
+        self.note.content = escaped(card.words)
+        self.saved.show(f"masks of {name}" for name in card.unsaved)
+
     # ---- which camera
 
     def _named(self) -> str:
@@ -93,7 +86,7 @@ class MaskPanel:
 
     def _shown_camera(self) -> MaskCameraCard:
         """Return the camera chosen, of all the first."""
-        named, cameras = self._named(), self.page.state.session.masks.cameras
+        named, cameras = self._named(), self.state.session.masks.cameras
         return next((c for c in cameras if c.name == named), cameras[0])
 
     def _one_camera(self, client: Client) -> str:
@@ -126,14 +119,14 @@ class MaskPanel:
     def _set(self, name: str, value: object, one: bool = False) -> None:
         camera = self._shown_camera().name if one else self._named()
         self._show_masks(True)
-        self.page.engine.set_masks(camera, {name: value})
+        self.engine.set_masks(camera, {name: value})
 
     def _drag(self, what: str, client: Client) -> None:
         camera = self._one_camera(client)
 
         def marked(box: tuple[int, int, int, int]) -> None:
             self._show_masks(True)
-            self.page.engine.mark_mask_box(camera, what, box, self.page.state.frame)
+            self.engine.mark_mask_box(camera, what, box, self.state.frame)
 
         over = "skin, away from its edges" if what == "sample" else "everything to observe"
         self.stage.mark_box(camera, client, over, marked)
@@ -142,7 +135,7 @@ class MaskPanel:
 
     def show(self, masks: MaskPicture) -> None:
         """Show the masks of a frame."""
-        if masks.thumbnails and self.page.state.display.masks:
+        if masks.thumbnails and self.state.display.masks:
             put(self.sheet, content=sheet(masks.frame, masks.thumbnails), visible=True)
         self.wrong.content = escaped(masks.words)
         self.correcting.show_corrections(masks.corrected)
@@ -226,23 +219,22 @@ _FACTOR = 1.2  # by which a key changes the radius
 _MOST = 20  # frames to carry to, each way
 
 
-class CorrectingWidgets:
+@dataclass
+class CorrectingWidgets(Part):
     """A folder of the tab."""
 
-    def __init__(
-        self,
-        page: Page,
-        stage: Stage,
-        camera: Callable[[Client], str],
-        named: Callable[[], str],
-    ) -> None:
-        """camera: the one that a user means; named: the one chosen in the tab, empty for all."""
-        self.page, self.stage, self.camera, self.named = page, stage, camera, named
-        self._painter: Client | None = None
-        self._strokes = count(1)
-        self._stroke, self._last = 0, None
+    stage: Stage
+    camera: Callable[[Client], str]
+    """the one that a user means"""
+    named: Callable[[], str]
+    """the one chosen in the tab, empty for all"""
+    _painter: Client | None = None
+    _stroke: int = 0
+    _last: Pixel | None = None
+
+    def build(self) -> None:
+        page, gui = self.page, self.gui
         self.brushes = {page.phrase(words): brush for words, brush in _BRUSHES.items()}
-        gui = page.gui
         with gui.add_folder("Correct this frame"):
             self.words = gui.add_html("")
             self.brush = gui.add_dropdown(
@@ -269,7 +261,7 @@ class CorrectingWidgets:
             page.key(f"Brush for masks: {words}", key, partial(self._resize, factor))
         self._other = tuple(self.brushes)[1]
         """what X swaps with"""
-        stage.stopped_painting = lambda: self._show_painting(None)
+        self.stage.stopped_painting = lambda: self._show_painting(None)
 
     def show_corrections(self, corrected: dict[str, str]) -> None:
         """Say which cameras are corrected in the frame shown."""
@@ -314,19 +306,19 @@ class CorrectingWidgets:
 
     def _pointed(self, camera: str, at: Pixel, phase: str) -> None:
         if phase in ("start", "click"):
-            self._stroke, self._last = next(self._strokes), None
+            self._stroke, self._last = self._stroke + 1, None
         points = (at,) if self._last is None else (self._last, at)
         self._last = None if phase in ("end", "click") else at
-        frame, brush = self.page.state.frame, self.brushes[self.brush.value]
+        frame, brush = self.state.frame, self.brushes[self.brush.value]
         radius = float(self.radius.value)
-        self.page.engine.paint_mask(frame, camera, brush, points, radius, str(self._stroke))
+        self.engine.paint_mask(frame, camera, brush, points, radius, str(self._stroke))
 
     def _drop(self, client: Client) -> None:
-        self.page.engine.drop_correction(self.page.state.frame, self.camera(client))
+        self.engine.drop_correction(self.state.frame, self.camera(client))
 
     def _carry(self) -> None:
-        frame, before, behind = self.page.state.frame, self.before.value, self.behind.value
-        self.page.engine.carry_masks(frame, self.named(), before, behind)
+        frame, before, behind = self.state.frame, self.before.value, self.behind.value
+        self.engine.carry_masks(frame, self.named(), before, behind)
 
 
 def _send_brush(client: Client, tangent: float) -> None:

@@ -11,7 +11,7 @@ from viser import uplot
 
 from handtrack.arrays import Floats, N
 from handtrack_app.page.html import text
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Panel, put
 from handtrack_app.page.panels.pose_words import groups_of, title_of, unit_of
 from handtrack_app.page.time.lanes import Window, extremes
 from handtrack_app.protocol.snapshots import Curve, CurvesSnapshot, SessionSnapshot
@@ -51,26 +51,23 @@ def plot_data(curve: Curve, window: Window) -> dict[str, Floats[N]]:
 
 
 @dataclass
-class PlotsPanel:
+class PlotsPanel(Panel):
     """Handles of the tab."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     window: Callable[[], Window]
     """of the timeline"""
     names: tuple[str, ...] = ()
     curves: tuple[Curve, ...] = ()
     plots: list[viser.GuiUplotHandle] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
-        gui, page = self.page.gui, self.page
-        with self.tab:
-            self.group = page.choice(
-                "Angles of", (_NONE,), self._choose,
-                "For the part of the recording that the timeline shows. The ground truth "
-                "is plotted beside the track. Drag in a plot to zoom; double-click for all.",
-            )  # fmt: skip
-            self.note = gui.add_html(text(page.phrase(_CHOOSE)))
+    def build(self) -> None:
+        gui, page = self.gui, self.page
+        self.group = page.choice(
+            "Angles of", (_NONE,), self._choose,
+            "For the part of the recording that the timeline shows. The ground truth "
+            "is plotted beside the track. Drag in a plot to zoom; double-click for all.",
+        )  # fmt: skip
+        self.note = gui.add_html(text(page.phrase(_CHOOSE)))
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer the groups of the model's parameters."""
@@ -79,7 +76,7 @@ class PlotsPanel:
             self.group.options = (_NONE, *groups_of(self.names))
 
     def _choose(self, chosen: str) -> None:
-        self.page.engine.want_curves(groups_of(self.names).get(chosen, ()))
+        self.engine.want_curves(groups_of(self.names).get(chosen, ()))
 
     def show(self, snapshot: CurvesSnapshot) -> None:
         """Take the curves as they are now."""
@@ -114,7 +111,7 @@ class PlotsPanel:
             font="12px sans-serif",
             grid={"stroke": "rgba(140,140,140,.25)", "width": 1},
         )
-        return self.page.gui.add_uplot(
+        return self.gui.add_uplot(
             lines, series, title=title, bands=_BANDS, height=_HEIGHT, axes=(axis, axis),
             scales={"x": uplot.Scale(time=False)}, legend=uplot.Legend(show=True), padding=(4, 12, 0, 0),
         )  # fmt: skip

@@ -14,7 +14,7 @@ import viser
 from handtrack.arrays import D3, Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack_app.page.html import chip, escaped, line, rgb, row, table, text
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Panel, Part, put
 from handtrack_app.page.panels.pose_words import (
     PLACE,
     group_of,
@@ -57,13 +57,11 @@ _REACH = 500.0  # sliders of the place reach this far from where it first was, i
 
 
 @dataclass
-class PosePanel:
+class PosePanel(Panel):
     """Handles of the pose tab."""
 
-    page: Page
     card: viser.GuiHtmlHandle
     """stands where it is seen whatever tab is open"""
-    tab: viser.GuiTabHandle
     grips: Grips
     pose: PoseSnapshot
     sliders: dict[str, viser.GuiSliderHandle[float]] = field(default_factory=dict)
@@ -77,40 +75,39 @@ class PosePanel:
     copied: dict[str, float] = field(default_factory=dict)
     """joint parameters [m, rad]"""
 
-    def __post_init__(self) -> None:
-        page, gui, session = self.page, self.page.gui, self.page.state.session
-        with self.tab:
-            self.edit_buttons = page.buttons(
-                "Edit", ("Undo", "Redo", _FLIP), self._edit,
-                "Poses, settings, limits, filters, size and takes, as far back as you like: Ctrl-Z, Ctrl-Y. 'Before/after' "
-                "only shows the pose before the last step, and back. Key: Tab.",
-            )  # fmt: skip
-            self.history = page.choice(
-                "History", (_NOW,), self._go_back,
-                "The last steps. Choose one to undo it and all after it, or an undone one (↷) to redo it.",
-            )  # fmt: skip
-            self.sliders_at = gui.add_html("").order
-            page.buttons("Pose from", ("Before", "First", "Tracked"), self.take)
-            self.library = page.choice(
-                "Pose as" if session.kind == "body" else "Fingers as", (_KEEP, *session.poses),
-                lambda chosen: self._choose(session.poses.get(chosen)),
-                "Sets the joint angles to a pose of the library.",
-            )  # fmt: skip
-            page.button(
-                "Fit frame", self._fit, "focus-2",
-                "Fits the model to this frame, starting from the pose you see. Undo returns to that pose.",
-            )  # fmt: skip
-            page.button(
-                "Save as first-frame pose", page.engine.save_pose, "device-floppy",
-                "Writes the pose you see to the session's init.json. Tracking will start from it, at this frame.",
-            )  # fmt: skip
-            self.guesses = GuessesPanel(page)
-            self.pins = PinPanel(page, self.grips)
-            page.buttons(
-                "Pose", ("Copy", "Paste"), lambda name: self.copy() if name == "Copy" else self.paste(),
-                "Copies the pose you see; pastes its joints into the frame shown. Alt C, Alt V.",
-            )  # fmt: skip
-            self.copied_from = gui.add_html("")
+    def build(self) -> None:
+        page, gui, session = self.page, self.gui, self.state.session
+        self.edit_buttons = page.buttons(
+            "Edit", ("Undo", "Redo", _FLIP), self._edit,
+            "Poses, settings, limits, filters, size and takes, as far back as you like: Ctrl-Z, Ctrl-Y. 'Before/after' "
+            "only shows the pose before the last step, and back. Key: Tab.",
+        )  # fmt: skip
+        self.history = page.choice(
+            "History", (_NOW,), self._go_back,
+            "The last steps. Choose one to undo it and all after it, or an undone one (↷) to redo it.",
+        )  # fmt: skip
+        self.sliders_at = gui.add_html("").order
+        page.buttons("Pose from", ("Before", "First", "Tracked"), self.take)
+        self.library = page.choice(
+            "Pose as" if session.kind == "body" else "Fingers as", (_KEEP, *session.poses),
+            lambda chosen: self._choose(session.poses.get(chosen)),
+            "Sets the joint angles to a pose of the library.",
+        )  # fmt: skip
+        page.button(
+            "Fit frame", self._fit, "focus-2",
+            "Fits the model to this frame, starting from the pose you see. Undo returns to that pose.",
+        )  # fmt: skip
+        page.button(
+            "Save as first-frame pose", page.engine.save_pose, "device-floppy",
+            "Writes the pose you see to the session's init.json. Tracking will start from it, at this frame.",
+        )  # fmt: skip
+        self.guesses = GuessesPanel(page)
+        self.pins = PinPanel(page, self.grips)
+        page.buttons(
+            "Pose", ("Copy", "Paste"), lambda name: self.copy() if name == "Copy" else self.paste(),
+            "Copies the pose you see; pastes its joints into the frame shown. Alt C, Alt V.",
+        )  # fmt: skip
+        self.copied_from = gui.add_html("")
         page.key("Fit frame", "F", self._fit)
         page.key("Copy the pose", "alt+C", self.copy)
         page.key("Paste the pose that was copied", "alt+V", self.paste)
@@ -134,22 +131,22 @@ class PosePanel:
             self.page.travel(sign == "↶", int(number))
 
     def _fit(self) -> None:
-        state = self.page.state
+        state = self.state
         if state.tracking:
             return
         frame, version = state.frame, state.begin_edit()
         state.follow = True
-        self.page.engine.track(frame, frame + 1, frame, version=version)
+        self.engine.track(frame, frame + 1, frame, version=version)
 
     def take(self, choice: str) -> None:
         """Take the frame's pose from elsewhere: a pose of the library, or as a button says."""
-        state = self.page.state
+        state = self.state
         version = state.begin_edit()
         if choice == "Tracked":
-            self.page.engine.forget_pose(state.frame, version)
+            self.engine.forget_pose(state.frame, version)
             return
         source = {"Before": "previous", "First": "start"}.get(choice, choice)
-        self.page.engine.take_pose(state.frame, source, version)
+        self.engine.take_pose(state.frame, source, version)
 
     def _choose(self, name: str | None) -> None:
         if name is not None:
@@ -200,7 +197,7 @@ class PosePanel:
         self.rows, self.names, self.length = [], session.parameter_names, length
         with self.tab:
             for i, named in enumerate(_rows(list(groups))):
-                row = self.page.gui.add_button_group(
+                row = self.gui.add_button_group(
                     "Edit joints of" if i == 0 else " ", named, order=self.sliders_at,
                     hint="The joints whose sliders are shown.",
                 )  # fmt: skip
@@ -220,7 +217,7 @@ class PosePanel:
             self.move_sliders()
 
     def _add_folder(self, group: str, members: Sequence[str], session: SessionSnapshot) -> None:
-        gui = self.page.gui
+        gui = self.gui
         if group not in self.folders:
             below = self.sliders_at + 0.5  # the rows of groups, which are made anew oftener
             self.folders[group] = gui.add_folder(group, order=below, visible=False)
@@ -280,7 +277,7 @@ class PosePanel:
         score = self.score
         if score is not None and not score.is_of(pose.frame, pose.values):
             score = None
-        if self.page.state.playing:  # what comes and goes would move all below it
+        if self.state.playing:  # what comes and goes would move all below it
             put(self.card, content=pose_card(replace(pose, note="")))
         else:
             put(self.card, content=pose_card(pose, score))
@@ -423,15 +420,14 @@ _TITLES = {"found": "Detected poses", "carried": "Trajectory hypotheses"}
 
 
 @dataclass
-class GuessesPanel:
+class GuessesPanel(Part):
     """Handles of the search and of the ranked list."""
 
-    page: Page
     guesses: GuessesSnapshot | None = None
 
-    def __post_init__(self) -> None:
+    def build(self) -> None:
         """Add the widgets where the page builds now."""
-        gui, page, kind = self.page.gui, self.page, self.page.state.kind
+        gui, page, kind = self.gui, self.page, self.state.kind
         self.find = page.buttons(
             f"Detect {kind}", (_HERE, _ANYWHERE), lambda name: self.search(name == _ANYWHERE), _FIND_HINTS[kind]
         )  # fmt: skip
@@ -457,15 +453,15 @@ class GuessesPanel:
 
     def search(self, anywhere: bool = False, fetch: bool = False) -> None:
         """Detect the model in the frame shown, or in the surest of several."""
-        state = self.page.state
+        state = self.state
         state.playing = False
-        self.page.engine.find_hand(None if anywhere else state.frame, fetch)
+        self.engine.find_hand(None if anywhere else state.frame, fetch)
 
     def take(self, rank: int) -> None:
         """Take one of the list."""
-        known, state = self.guesses, self.page.state
+        known, state = self.guesses, self.state
         if known is not None and rank < len(known.guesses):
-            self.page.engine.take_guess(known.frame, rank, state.begin_edit())
+            self.engine.take_guess(known.frame, rank, state.begin_edit())
 
     def show(self, guesses: GuessesSnapshot) -> None:
         """Show the list of a frame; take the surest of what was just found."""
@@ -484,14 +480,14 @@ class GuessesPanel:
         searching = busy and progress.state == "preparing" and progress.job == "finding"
         put(self.cancel, visible=searching)
         put(self.find, visible=self.possible and not busy)
-        session = self.page.state.session
+        session = self.state.session
         helps = session.kind == "hand" and IMAGES in session.observed and len(session.cameras) > 1
         put(self.fetch, visible=helps and not busy and not has_weights())
 
     @property
     def possible(self) -> bool:
         """Whether there is something to look at."""
-        session = self.page.state.session
+        session = self.state.session
         return session.kind == "hand" or KEYPOINTS in session.observed
 
 
@@ -522,18 +518,17 @@ _NO_PINS = (
 
 
 @dataclass
-class PinPanel:
+class PinPanel(Part):
     """Handles of the folder."""
 
-    page: Page
     grips: Grips
     pins: tuple[PinCard, ...] = ()
     _before: tuple[int, float] | None = None
     """a frame, and the cost of its pose before the pins"""
 
-    def __post_init__(self) -> None:
+    def build(self) -> None:
         """Add the folder where the page builds now."""
-        gui, page = self.page.gui, self.page
+        gui, page = self.gui, self.page
         with gui.add_folder("Pins"):
             self.held = page.choice(
                 "Other joints", (FITTED, LEAST), self._hold,
@@ -561,7 +556,7 @@ class PinPanel:
         if cost is not None and self._before is not None and self._before[0] == pose.frame:
             gain = cost - self._before[1]
         self.pins = pose.pins
-        near_m = near_joint_m(self.page.state.session)
+        near_m = near_joint_m(self.state.session)
         put(self.list, content=pin_list(pose.pins, near_m, gain) if pose.pins else _NO_PINS)
         for button in (self.drop, self.drop_all):
             put(button, visible=bool(pose.pins))
@@ -578,9 +573,9 @@ class PinPanel:
             self._drop(len(self.pins) - 1)
 
     def _drop(self, which: int | None) -> None:
-        state = self.page.state
+        state = self.state
         version = state.begin_edit()
-        self.page.engine.drop_pins(state.frame, which, version, self.grips.by_images)
+        self.engine.drop_pins(state.frame, which, version, self.grips.by_images)
 
 
 def pin_list(pins: tuple[PinCard, ...], near_m: float, gain: float | None = None) -> str:

@@ -14,7 +14,7 @@ from handtrack.arrays import number_runs
 from handtrack.diagnostics.review import ReviewInterval
 from handtrack.store.spans import Span
 from handtrack_app.page.html import bar, card, picture, text
-from handtrack_app.page.page import Client, Page, put
+from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import TrackingPanel
 from handtrack_app.protocol.snapshots import CloseSnapshot, Notice, TimelineSnapshot
@@ -26,11 +26,9 @@ _LET_GO: tuple[str, ...] = ("Interval", "Frame", "All")
 
 
 @dataclass
-class ReviewPanel:
+class ReviewPanel(Panel):
     """Handles of the tab."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     at: int | None = None
     """the place in the queue that was gone to"""
     rows: list[viser.GuiButtonHandle] = field(default_factory=list)
@@ -46,40 +44,39 @@ class ReviewPanel:
     _met: dict[tuple[int, int], None] = field(default_factory=dict)
     """intervals that were in the queue, first and last frame: those that are accepted by now are done"""
 
-    def __post_init__(self) -> None:
-        page, gui = self.page, self.page.gui
-        with self.tab:
-            self.about = gui.add_html("")
-            self.off = gui.add_html("", visible=False)
-            self.correct = page.button(
-                "Apply correction", self._correct, "tool",
-                "Uses the camera corrections that joint optimisation estimated; calibration.toml stays unchanged. Then track again.", visible=False,
-            )  # fmt: skip
-            self.restore = page.button(
-                "Remove correction", partial(self._correct, on=False), "x",
-                "Uses the original calibration. Then track again.", visible=False,
-            )  # fmt: skip
-            self.head = gui.add_html("")
-            self.accept_next = page.button(
-                "Accept and next", partial(self.do_accept, ""), "check",
-                "Accepts the interval (outside of one, the frame) and goes to the next. Key: Shift Y.", None, visible=False,
-            )  # fmt: skip
-            self.go = page.buttons(
-                "Go to", _GO, lambda name: self.step(1 if name == "Next" else -1),
-                "In the queue, worst first. Keys: Shift Z next, Shift U previous.", visible=False,
-            )  # fmt: skip
-            self.accept = page.buttons(
-                "Accept", _ACCEPT, self.do_accept,
-                "Accepts the selected interval, this frame, or every confident frame. Tracking and refining leave accepted frames unchanged.", visible=False,
-            )  # fmt: skip
-            self.release = page.buttons(
-                "Release", _LET_GO, self.let_go, "Tracking and refining may change these again.", visible=False
-            )  # fmt: skip
-            self.here = gui.add_html("")
-            for n in range(_ROWS):
-                self.cards.append(gui.add_html("", visible=False))
-                self.rows.append(page.button("–", partial(self._chosen, n), visible=False))
-            self.more = gui.add_html("")
+    def build(self) -> None:
+        page, gui = self.page, self.gui
+        self.about = gui.add_html("")
+        self.off = gui.add_html("", visible=False)
+        self.correct = page.button(
+            "Apply correction", self._correct, "tool",
+            "Uses the camera corrections that joint optimisation estimated; calibration.toml stays unchanged. Then track again.", visible=False,
+        )  # fmt: skip
+        self.restore = page.button(
+            "Remove correction", partial(self._correct, on=False), "x",
+            "Uses the original calibration. Then track again.", visible=False,
+        )  # fmt: skip
+        self.head = gui.add_html("")
+        self.accept_next = page.button(
+            "Accept and next", partial(self.do_accept, ""), "check",
+            "Accepts the interval (outside of one, the frame) and goes to the next. Key: Shift Y.", None, visible=False,
+        )  # fmt: skip
+        self.go = page.buttons(
+            "Go to", _GO, lambda name: self.step(1 if name == "Next" else -1),
+            "In the queue, worst first. Keys: Shift Z next, Shift U previous.", visible=False,
+        )  # fmt: skip
+        self.accept = page.buttons(
+            "Accept", _ACCEPT, self.do_accept,
+            "Accepts the selected interval, this frame, or every confident frame. Tracking and refining leave accepted frames unchanged.", visible=False,
+        )  # fmt: skip
+        self.release = page.buttons(
+            "Release", _LET_GO, self.let_go, "Tracking and refining may change these again.", visible=False
+        )  # fmt: skip
+        self.here = gui.add_html("")
+        for n in range(_ROWS):
+            self.cards.append(gui.add_html("", visible=False))
+            self.rows.append(page.button("–", partial(self._chosen, n), visible=False))
+        self.more = gui.add_html("")
         page.key("Review: next in the queue", "shift+Z", partial(self.step, 1))
         page.key("Review: previous in the queue", "shift+U", partial(self.step, -1))
         page.key("Review: accept and next", "shift+Y", partial(self.do_accept, ""))
@@ -89,7 +86,7 @@ class ReviewPanel:
 
     @property
     def strip(self) -> TimelineSnapshot:
-        return self.page.state.strip
+        return self.state.strip
 
     @property
     def intervals(self) -> tuple[ReviewInterval, ...]:
@@ -99,7 +96,7 @@ class ReviewPanel:
     @property
     def current(self) -> ReviewInterval | None:
         """The stretch that was gone to, as long as the frame shown lies in it."""
-        frame = self.page.state.frame
+        frame = self.state.frame
         if self.at is None or self.at >= len(self.intervals):
             return None
         interval = self.intervals[self.at]
@@ -134,14 +131,14 @@ class ReviewPanel:
         """Accept the stretch, the frame shown, all that is not doubted, or, of none of these, the stretch or the frame. After a stretch
         comes the next.
         """
-        interval, frame = self.current, self.page.state.frame
+        interval, frame = self.current, self.state.frame
         if what == "All confident":
             start, codes = self.strip.start, self.strip.status.tolist()
             good = {start + n for n, code in enumerate(codes) if code in (0, 3, 4)}
             sure = number_runs(good.union(self.strip.by_hand))
-            self.page.engine.accept(tuple((first, stop - 1) for first, stop in sure))
+            self.engine.accept(tuple((first, stop - 1) for first, stop in sure))
         elif interval is not None and what != "Frame":
-            self.page.engine.accept(((interval.first, interval.last),))
+            self.engine.accept(((interval.first, interval.last),))
             if len(self.intervals) > 1:
                 # it leaves the queue: the one after it stands in its place
                 following = self.intervals[
@@ -149,11 +146,11 @@ class ReviewPanel:
                 ]
                 self.page.go_to(following.worst)
         else:
-            self.page.engine.accept(((frame, frame),))
+            self.engine.accept(((frame, frame),))
 
     def let_go(self, what: str) -> None:
         """Let frames be changed again."""
-        frame, accepted = self.page.state.frame, sorted(self.strip.accepted)
+        frame, accepted = self.state.frame, sorted(self.strip.accepted)
         first = last = frame
         if what == "All" and accepted:
             first, last = accepted[0], accepted[-1]
@@ -163,12 +160,12 @@ class ReviewPanel:
                 first -= 1
             while last + 1 in known:
                 last += 1
-        self.page.engine.accept(((first, last),), on=False)
+        self.engine.accept(((first, last),), on=False)
 
     def _correct(self, on: bool = True) -> None:
         known = self.strip.cameras_off if on else self.strip.cameras_corrected
         if known:
-            self.page.engine.correct_cameras(tuple(known), on)
+            self.engine.correct_cameras(tuple(known), on)
 
     # ---- showing
 
@@ -180,7 +177,7 @@ class ReviewPanel:
 
     def show_timeline(self) -> None:
         """Take the queue as it is now."""
-        queue, frame = self.intervals, self.page.state.frame
+        queue, frame = self.intervals, self.state.frame
         if self.at is not None and queue != self._queue:
             places = [n for n, s in enumerate(queue) if s.first <= frame <= s.last]
             self.at = places[0] if places else min(self.at, max(len(queue) - 1, 0))
@@ -197,7 +194,7 @@ class ReviewPanel:
 
     def show_frame(self) -> None:
         """Say what is to be said of the frame shown."""
-        frame = self.page.state.frame
+        frame = self.state.frame
         put(self.here, content=here_words(frame, frame in self.strip.accepted, self.current))
 
     def _show(self) -> None:
@@ -234,9 +231,9 @@ class ReviewPanel:
     def ask(self) -> None:
         """Ask for the pictures of the intervals listed, unless tracking goes on, which needs the time."""
         listed = self.intervals[self._first_row : self._first_row + _ROWS]
-        if listed != self._asked and not self.page.state.tracking:
+        if listed != self._asked and not self.state.tracking:
             self._asked = listed
-            self.page.engine.want_close(tuple(interval.worst for interval in listed))
+            self.engine.want_close(tuple(interval.worst for interval in listed))
 
     def show_pictures(self, close: CloseSnapshot) -> None:
         """Show the pictures that came."""
@@ -301,17 +298,16 @@ Step = tuple[str, str, Callable[[Client], None]]
 
 
 @dataclass
-class NextStep:
+class NextStep(Part):
     """Its widgets, built where the page builds now."""
 
-    page: Page
     tracking: TrackingPanel
     guesses: GuessesPanel
     review: ReviewPanel
     step: Step | None = None
 
-    def __post_init__(self) -> None:
-        gui = self.page.gui
+    def build(self) -> None:
+        gui = self.gui
         self.words = gui.add_html("", visible=False)
         self.button = self.page.button(
             "Next", lambda client: self.step and self.step[2](client), color=None, visible=False, by_page=True
@@ -319,7 +315,7 @@ class NextStep:
 
     def show(self) -> None:
         """Offer the step that the recording's state calls for; none while something runs."""
-        state = self.page.state
+        state = self.state
         self.step = step = None
         if state.progress.state == "idle" and not state.session.live:
             self.step = step = self._of(state.strip, bool(state.session.observed))
@@ -341,7 +337,7 @@ class NextStep:
             return (
                 hidden_words(strip.hidden),
                 "Show them",
-                lambda _: self.page.engine.show_take(take),
+                lambda _: self.engine.show_take(take),
             )
         if not has_views:
             return None

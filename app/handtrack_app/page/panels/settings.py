@@ -18,7 +18,7 @@ from handtrack.setting import Setting
 from handtrack.tracking.frame.settings import SETTINGS
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, text
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Page, Panel, Part, put
 from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
 from handtrack_app.protocol.snapshots import (
     CLOUD,
@@ -47,17 +47,16 @@ _FAINT = ";opacity:.55"
 
 
 @dataclass
-class SettingWidget:
+class SettingWidget(Part):
     """A setting where the page builds now: a choice of words, a check box, a range of two numbers, or a slider, at 0 of which it is off,
     if it can be.
     """
 
-    page: Page
     known: Setting
     act: Callable[[Any], object]
     """told of a value that a user chose"""
 
-    def __post_init__(self) -> None:
+    def build(self) -> None:
         page, known, act = self.page, self.known, self.act
         if known.words:
             values = {word: value for value, word in known.words.items()}
@@ -135,11 +134,9 @@ class SavedSettings:
 
 
 @dataclass
-class SettingsPanel:
+class SettingsPanel(Panel):
     """A widget for every setting that the tracker has and people change."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     refits: RefitSwitch
     controls: dict[str, SettingWidget] = field(default_factory=dict)
     folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
@@ -162,24 +159,23 @@ class SettingsPanel:
         self.shape.fit(session)
         self.saved.show(self.changed)
 
-    def __post_init__(self) -> None:
-        page, gui, session = self.page, self.page.gui, self.page.state.session
-        with self.tab:
-            self.refits.build()
-            self.saved = SavedSettings(
-                page, "setting", "these settings in the table [tracking]", "Undo brings the changes back."
-            )  # fmt: skip
-            for title, settings in CONTROLS.items():
-                known = [s for s in settings if s.name in session.settings]
-                known = [s for s in known if s.about in ("", session.kind)]
-                if known:
-                    folder = gui.add_folder(title, expand_by_default=title in OPEN)
-                    self.folders[title] = folder
-                    with folder:
-                        for setting in known:
-                            if on_page(setting, session.settings[setting.name]) is not None:
-                                self._add(setting)
-            self.shape = ShapePanel(page)
+    def build(self) -> None:
+        page, gui, session = self.page, self.gui, self.state.session
+        self.refits.build()
+        self.saved = SavedSettings(
+            page, "setting", "these settings in the table [tracking]", "Undo brings the changes back."
+        )  # fmt: skip
+        for title, settings in CONTROLS.items():
+            known = [s for s in settings if s.name in session.settings]
+            known = [s for s in known if s.about in ("", session.kind)]
+            if known:
+                folder = gui.add_folder(title, expand_by_default=title in OPEN)
+                self.folders[title] = folder
+                with folder:
+                    for setting in known:
+                        if on_page(setting, session.settings[setting.name]) is not None:
+                            self._add(setting)
+        self.shape = ShapePanel(page)
 
     def _show_what_counts(self, session: SessionSnapshot) -> None:
         """Offer settings of what the recording has, or of what somebody changed all the same."""
@@ -200,28 +196,26 @@ class SettingsPanel:
     @property
     def changed(self) -> dict[str, object]:
         """The settings in force that session.toml does not have, by name."""
-        session = self.page.state.session
+        session = self.state.session
         own = session.own_settings
         return {n: v for n, v in session.settings.items() if n in own and own[n] != v}
 
     def _add(self, setting: Setting) -> None:
-        set_it = self.page.engine.set_setting
+        set_it = self.engine.set_setting
         self.controls[setting.name] = SettingWidget(
             self.page, setting, lambda value: set_it(setting.name, value, setting.label)
         )
         if setting.explanations:
-            self.explanations[setting.name] = self.page.gui.add_html("")
+            self.explanations[setting.name] = self.gui.add_html("")
 
 
 @dataclass
-class ShapePanel:
+class ShapePanel(Part):
     """A list of all numbers; the one that is chosen has a slider."""
 
-    page: Page
-
-    def __post_init__(self) -> None:
+    def build(self) -> None:
         """Add the widgets where the page builds now."""
-        page, gui, session = self.page, self.page.gui, self.page.state.session
+        page, gui, session = self.page, self.gui, self.state.session
         with gui.add_folder("Shape", expand_by_default=False) as self.folder:
             self.size = page.button(
                 "Fit the size", page.engine.fit_size, "ruler-measure",
@@ -245,7 +239,7 @@ class ShapePanel:
 
     @property
     def _row(self) -> ShapeNumber | None:
-        named = (row for row in self.page.state.session.shape if row.label == self.chosen.value)
+        named = (row for row in self.state.session.shape if row.label == self.chosen.value)
         return next(named, None)
 
     def _show_slider(self) -> None:
@@ -257,7 +251,7 @@ class ShapePanel:
     def _set(self, value: float) -> None:
         row = self._row
         if row is not None:
-            self.page.engine.set_shape(row.name, value, f"Shape: {row.label}")
+            self.engine.set_shape(row.name, value, f"Shape: {row.label}")
 
 
 def shape_list(rows: Sequence[ShapeNumber], kind: str) -> str:
@@ -274,30 +268,27 @@ def shape_list(rows: Sequence[ShapeNumber], kind: str) -> str:
 
 
 @dataclass
-class LimitsPanel:
+class LimitsPanel(Panel):
     """A range for every joint, grouped by finger."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     refits: RefitSwitch
     ranges: dict[str, viser.GuiMultiSliderHandle[float]] = field(default_factory=dict)
     folders: list[viser.GuiFolderHandle] = field(default_factory=list)
     names: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        gui = self.page.gui
-        with self.tab:
-            gui.add_html(
-                escaped(
-                    "How far each joint may bend, in "
-                    "degrees. The orange tick is the present angle; it waits while tracked frames pass by. The solver stays inside, and so do the pose sliders."
-                )
+    def build(self) -> None:
+        gui = self.gui
+        gui.add_html(
+            escaped(
+                "How far each joint may bend, in "
+                "degrees. The orange tick is the present angle; it waits while tracked frames pass by. The solver stays inside, and so do the pose sliders."
             )
-            self.refits.build()
-            self.back = self.page.button(
-                "Restore the model's limits", self._restore, "restore",
-                "Restores the joints marked •.", visible=False,
-            )  # fmt: skip
+        )
+        self.refits.build()
+        self.back = self.page.button(
+            "Restore the model's limits", self._restore, "restore",
+            "Restores the joints marked •.", visible=False,
+        )  # fmt: skip
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the ranges for a session's joints, then show the limits in force."""
@@ -326,18 +317,18 @@ class LimitsPanel:
 
     def _is_changed(self, name: str) -> bool:
         """Return whether the user set a joint's interval; else the model's holds."""
-        s, session = self.names.index(name), self.page.state.session
+        s, session = self.names.index(name), self.state.session
         return not np.array_equal(session.interval[s], session.own_interval[s])
 
     def _add_folder(
         self, group: str, members: Sequence[str], session: SessionSnapshot, is_open: bool
     ) -> None:
-        folder = self.page.gui.add_folder(group, expand_by_default=is_open)
+        folder = self.gui.add_folder(group, expand_by_default=is_open)
         self.folders.append(folder)
         with folder:
             for name in members:
                 low, high = degrees(session.own_interval[self.names.index(name)])
-                ranges = self.page.gui.add_multi_slider(
+                ranges = self.gui.add_multi_slider(
                     label_of(name), low - 40.0, high + 40.0, 1.0, initial_value=(low, high), min_range=1.0
                 )  # fmt: skip
                 self.ranges[name] = self.page.bind(ranges, partial(self._changed, name))
@@ -353,12 +344,12 @@ class LimitsPanel:
 
     def _changed(self, name: str, interval: tuple[float, float]) -> None:
         unit = unit_of(name)
-        self.page.engine.set_limits(name, (interval[0] * unit, interval[1] * unit))
+        self.engine.set_limits(name, (interval[0] * unit, interval[1] * unit))
 
     def _restore(self) -> None:
         for name in self.ranges:
             if self._is_changed(name):
-                self.page.engine.set_limits(name, None, "Limits of the model")
+                self.engine.set_limits(name, None, "Limits of the model")
 
 
 def degrees(interval: Sequence[float]) -> tuple[float, float]:

@@ -12,7 +12,7 @@ import numpy as np
 import viser
 
 from handtrack_app.page.html import table, text
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Panel, put
 from handtrack_app.protocol.snapshots import (
     COUNTED,
     LiveSnapshot,
@@ -26,67 +26,64 @@ _SIZE = "model.fit_size"
 
 
 @dataclass
-class TrackingPanel:
+class TrackingPanel(Panel):
     """Handles of the tracking tab."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     starters: list[Any] = field(default_factory=list)
     followed: Callable[[], None] = lambda: None
 
-    def __post_init__(self) -> None:
-        page, session = self.page, self.page.state.session
-        with self.tab:
-            self.pause = page.button("Pause", self.pause_or_go_on, "player-pause", visible=False)
-            self.cancel = page.button(
-                "Cancel", page.engine.cancel, "player-stop", color="red", visible=False
-            )
-            if session.live:
-                begin = page.button(
-                    "Track live", lambda: self.start("live"), "player-play",
-                    "Tracks the newest images, from the pose shown.", None,
-                )  # fmt: skip
-            else:
-                begin = page.button(
-                    "Track all frames", lambda: self.start("all"), "player-play",
-                    "Tracks forward and backward from the first-frame pose, with the same numbers as `handtrack track`. Keyframes stay, and tracking restarts from each.", None,
-                )  # fmt: skip
-            here = page.button(
-                "Track this frame", lambda: self.start("here"), "focus-2", "Fit the pose you see to this frame."
+    def build(self) -> None:
+        page, session = self.page, self.state.session
+        self.pause = page.button("Pause", self.pause_or_go_on, "player-pause", visible=False)
+        self.cancel = page.button(
+            "Cancel", page.engine.cancel, "player-stop", color="red", visible=False
+        )
+        if session.live:
+            begin = page.button(
+                "Track live", lambda: self.start("live"), "player-play",
+                "Tracks the newest images, from the pose shown.", None,
             )  # fmt: skip
-            self.starters = [begin, here]
-            self.later = page.check(
-                page.phrase("Fit the {kind}'s size later"), False, self._put_off,
-                "Tracks first, then fits the size to the tracked frames, and tracks again with it.", visible=False,
+        else:
+            begin = page.button(
+                "Track all frames", lambda: self.start("all"), "player-play",
+                "Tracks forward and backward from the first-frame pose, with the same numbers as `handtrack track`. Keyframes stay, and tracking restarts from each.", None,
             )  # fmt: skip
-            if not session.live:
-                self._add_range()
-            hint = "Show the newest images; posing the {kind} halts them." if session.live else "Show each frame as it is tracked."  # fmt: skip
-            self.follow = page.check(
-                "Follow", True, self._follow, page.phrase(hint), visible=session.live
-            )
-            self.refine = page.button(
-                "Refine", page.engine.refine, "sparkles",
-                "Re-optimises all tracked frames jointly. Keyframes stay fixed, and neighbouring frames adapt to them. The previous track stays as a take.", visible=False,
-            )  # fmt: skip
-            self.between = page.button(
-                "Track between", lambda: self.start("between"), "arrows-join",
-                "Tracks again from the nearest keyframe or accepted frame before this one to the nearest after it: the first half forwards, the second backwards.", visible=False,
-            )  # fmt: skip
-            page.button(
-                "Save track", page.engine.save_track, "device-floppy", "Writes tracks/poses.npz into the session.",
-                visible=not session.live,
-            )  # fmt: skip
-            self.residuals = page.button(
-                "Open in rerun", page.engine.open_rerun, "chart-dots",
-                "Opens rerun's viewer with every camera's residuals: of all tracked frames, and of each frame that is tracked from now on.",
-            )  # fmt: skip
-            self.rerun = page.gui.add_markdown("", visible=False)
+        here = page.button(
+            "Track this frame", lambda: self.start("here"), "focus-2", "Fit the pose you see to this frame."
+        )  # fmt: skip
+        self.starters = [begin, here]
+        self.later = page.check(
+            page.phrase("Fit the {kind}'s size later"), False, self._put_off,
+            "Tracks first, then fits the size to the tracked frames, and tracks again with it.", visible=False,
+        )  # fmt: skip
+        if not session.live:
+            self._add_range()
+        hint = "Show the newest images; posing the {kind} halts them." if session.live else "Show each frame as it is tracked."  # fmt: skip
+        self.follow = page.check(
+            "Follow", True, self._follow, page.phrase(hint), visible=session.live
+        )
+        self.refine = page.button(
+            "Refine", page.engine.refine, "sparkles",
+            "Re-optimises all tracked frames jointly. Keyframes stay fixed, and neighbouring frames adapt to them. The previous track stays as a take.", visible=False,
+        )  # fmt: skip
+        self.between = page.button(
+            "Track between", lambda: self.start("between"), "arrows-join",
+            "Tracks again from the nearest keyframe or accepted frame before this one to the nearest after it: the first half forwards, the second backwards.", visible=False,
+        )  # fmt: skip
+        page.button(
+            "Save track", page.engine.save_track, "device-floppy", "Writes tracks/poses.npz into the session.",
+            visible=not session.live,
+        )  # fmt: skip
+        self.residuals = page.button(
+            "Open in rerun", page.engine.open_rerun, "chart-dots",
+            "Opens rerun's viewer with every camera's residuals: of all tracked frames, and of each frame that is tracked from now on.",
+        )  # fmt: skip
+        self.rerun = page.gui.add_markdown("", visible=False)
         self.show(page.state.progress)
 
     def _add_range(self) -> None:
         """Offer parts of a recording."""
-        page, gui, strip = self.page, self.page.gui, self.page.state.strip
+        page, gui, strip = self.page, self.gui, self.state.strip
         first, last = strip.start, max(strip.stop - 1, strip.start + 1)
         onward = page.buttons("From here", ("◀ backward", "forward ▶"), self.start)
         with gui.add_folder("Range") as span:
@@ -103,7 +100,7 @@ class TrackingPanel:
 
     @property
     def _is_idle(self) -> bool:
-        return self.page.state.progress.state == "idle"
+        return self.state.progress.state == "idle"
 
     def show_timeline(self) -> None:
         """Offer what the frames that are tracked allow."""
@@ -112,13 +109,13 @@ class TrackingPanel:
 
     def _show_refine(self) -> None:
         """Offer it where frames are tracked."""
-        state = self.page.state
+        state = self.state
         tracked = int((state.strip.status >= 0).sum()) > 1
         put(self.refine, visible=tracked and self._is_idle and not state.session.live)
 
     def show_frame(self) -> None:
         """Offer to track between the kept frames around the frame shown."""
-        ends = frozen_ends(self.page.state.strip, self.page.state.frame)
+        ends = frozen_ends(self.state.strip, self.state.frame)
         if ends is not None:
             put(self.between, label=f"Track between {ends[0]} and {ends[1]}")
         put(self.between, visible=ends is not None and self._is_idle)
@@ -129,19 +126,19 @@ class TrackingPanel:
         put(self.rerun, content=words, visible=True)
 
     def _follow(self, on: bool) -> None:
-        self.page.state.follow = on
-        self.page.engine.follow(on)
+        self.state.follow = on
+        self.engine.follow(on)
         self.followed()
 
     def start(self, which: str) -> None:
         """Track: `all`, `here`, `range`, or as a button of the panel says."""
         session, frame, strip = (
-            self.page.state.session,
-            self.page.state.frame,
-            self.page.state.strip,
+            self.state.session,
+            self.state.frame,
+            self.state.strip,
         )
         if which == "live":
-            self._begin(self.page.engine.track_live)
+            self._begin(self.engine.track_live)
         elif which == "all":
             self.track(strip.start, strip.stop, session.first_frame, anew=True)
         elif which == "between":
@@ -161,7 +158,7 @@ class TrackingPanel:
 
     def track(self, start: int, stop: int, first: int, **how: bool) -> None:
         """Track frames [start, stop) from the first one, as `JobControl.track` does."""
-        self._begin(partial(self.page.engine.track, start, stop, first, **how))
+        self._begin(partial(self.engine.track, start, stop, first, **how))
 
     def _begin(self, job: Callable[[], None]) -> None:
         self.page.play(False)
@@ -170,17 +167,17 @@ class TrackingPanel:
 
     def pause_or_go_on(self) -> None:
         """Let tracking wait, or go on."""
-        self.page.engine.pause(self.page.state.progress.state != "paused")
+        self.engine.pause(self.state.progress.state != "paused")
 
     def show_size(self) -> None:
         """Offer to put the size's fit off while it is to be done."""
-        session = self.page.state.session
+        session = self.state.session
         visible = session.size_pending and self._is_idle
         put(self.later, visible=visible, value=session.settings.get(_SIZE) == "later")
 
     def _put_off(self, on: bool) -> None:
         words = self.page.phrase(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
-        self.page.engine.set_setting(_SIZE, "later" if on else "true", words)
+        self.engine.set_setting(_SIZE, "later" if on else "true", words)
 
     def _name_range(self) -> None:
         """The slider itself shows no numbers: they stand in its label."""
@@ -189,7 +186,7 @@ class TrackingPanel:
     @property
     def _chosen(self) -> tuple[int, int]:
         """The first and last frame of the range."""
-        strip = self.page.state.strip
+        strip = self.state.strip
         first, last = np.clip(sorted(self.range.value), strip.start, strip.stop - 1).tolist()
         return first, last
 
@@ -197,8 +194,8 @@ class TrackingPanel:
         """Show what the worker is doing; only what can be pressed now is there."""
         busy = progress.state in ("tracking", "paused", "preparing")
         self.pause.visible = self.cancel.visible = busy
-        self.follow.visible = busy or self.page.state.session.live
-        put(self.follow, value=self.page.state.follow)
+        self.follow.visible = busy or self.state.session.live
+        put(self.follow, value=self.state.follow)
         paused = progress.state == "paused"
         icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
         put(self.pause, label="Resume" if paused else "Pause", icon=icon)
@@ -249,21 +246,18 @@ def duration(seconds: float) -> str:
 
 
 @dataclass
-class LivePanel:
+class LivePanel(Panel):
     """The part of the Track tab that only running cameras have."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     recording: bool = False
 
-    def __post_init__(self) -> None:
-        gui = self.page.gui
-        with self.tab:
-            self.record = self.page.button(
-                "Record", lambda: self.page.engine.record(not self.recording), "player-record",
-                "Records the cameras and the tracked poses to a new session folder.",
-            )  # fmt: skip
-            self.counts = gui.add_html("")
+    def build(self) -> None:
+        gui = self.gui
+        self.record = self.page.button(
+            "Record", lambda: self.engine.record(not self.recording), "player-record",
+            "Records the cameras and the tracked poses to a new session folder.",
+        )  # fmt: skip
+        self.counts = gui.add_html("")
 
     def show(self, live: LiveSnapshot) -> None:
         """Show the counts, and whether something is recorded."""
@@ -310,16 +304,12 @@ _NO_TAKES: tuple[str, ...] = ("–",)
 
 
 @dataclass
-class TakesPanel:
+class TakesPanel(Panel):
     """The end of the Track tab, once something was tracked."""
 
-    page: Page
-    tab: viser.GuiTabHandle
-
-    def __post_init__(self) -> None:
-        page, gui = self.page, self.page.gui
-        with self.tab:
-            self.folder = gui.add_folder("Takes", expand_by_default=False, visible=False)
+    def build(self) -> None:
+        page, gui = self.page, self.gui
+        self.folder = gui.add_folder("Takes", expand_by_default=False, visible=False)
         with self.folder:
             self.list = gui.add_html("")
             self.chosen = gui.add_dropdown("Take", _NO_TAKES)
@@ -332,7 +322,7 @@ class TakesPanel:
         chosen = str(self.page.said(self.chosen))
         if chosen.isdecimal():
             self.page.play(False)
-            self.page.engine.restore_take(int(chosen))
+            self.engine.restore_take(int(chosen))
 
     def show(self, work: WorkSnapshot) -> None:
         """Show the takes that there are."""

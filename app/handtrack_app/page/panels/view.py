@@ -12,7 +12,7 @@ import viser
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import bar, bordered, sheet
-from handtrack_app.page.page import Client, Page, Taste, UserState, put, remembered
+from handtrack_app.page.page import Client, Page, Panel, Part, Taste, UserState, put, remembered
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.looking import ALL, CameraView, Looking
 from handtrack_app.page.scene.stage import Stage
@@ -55,59 +55,56 @@ _PAINT_WORDS = {
 
 
 @dataclass
-class SessionPanel:
+class SessionPanel(Panel):
     """The View tab."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     stage: Stage
     room: Room
 
-    def __post_init__(self) -> None:
-        page, gui, display = self.page, self.page.gui, self.page.state.display
+    def build(self) -> None:
+        page, gui, display = self.page, self.gui, self.state.display
         session = page.state.session
         cameras = tuple(card.name for card in session.cameras)
-        with self.tab:
-            self.sheet = gui.add_html("", visible=False)
-            self.mode = page.choice(
-                "Model style", _MODE_WORDS, partial(page.draw, "mode"),
-                "Surface: used for point-cloud fitting; during playback the ellipsoids are shown instead.",
+        self.sheet = gui.add_html("", visible=False)
+        self.mode = page.choice(
+            "Model style", _MODE_WORDS, partial(page.draw, "mode"),
+            "Surface: used for point-cloud fitting; during playback the ellipsoids are shown instead.",
+        )  # fmt: skip
+        self.opacity = gui.add_slider("Opacity", 0.1, 1.0, 0.05, display.opacity)
+        page.bind(self.opacity, partial(page.draw, "opacity"))
+        with gui.add_folder("Cameras"):
+            self.through = gui.add_dropdown(
+                "Camera view",
+                (FREE, *cameras, TOGETHER),
+                initial_value=FREE,
+                hint=self.page.phrase(
+                    "See the {kind} over a camera's image, or all cameras' images of the {kind} side by side."
+                ),
+            )
+            ZoomKeys(page, self.stage.looking)
+            self.paint = gui.add_dropdown(
+                "Overlay", tuple(_PAINT_WORDS), initial_value="model's outline",
+                hint=page.phrase(_PAINT_HINT),
             )  # fmt: skip
-            self.opacity = gui.add_slider("Opacity", 0.1, 1.0, 0.05, display.opacity)
-            page.bind(self.opacity, partial(page.draw, "opacity"))
-            with gui.add_folder("Cameras"):
-                self.through = gui.add_dropdown(
-                    "Camera view",
-                    (FREE, *cameras, TOGETHER),
-                    initial_value=FREE,
-                    hint=self.page.phrase(
-                        "See the {kind} over a camera's image, or all cameras' images of the {kind} side by side."
-                    ),
-                )
-                ZoomKeys(page, self.stage.looking)
-                self.paint = gui.add_dropdown(
-                    "Overlay", tuple(_PAINT_WORDS), initial_value="model's outline",
-                    hint=page.phrase(_PAINT_HINT),
-                )  # fmt: skip
-                page.toggle("Cameras", "cameras", "Draw the cameras in the scene.")
-                page.toggle(
-                    "Live images",
-                    "images",
-                    "Show each camera's image of this frame, in the scene and above.",
-                )
-            with gui.add_folder("Show"):
-                page.toggle(
-                    "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it. Without it Shift and a drag pull any "
-                    "joint or segment in the free view.",
-                )  # fmt: skip
-                if session.has_truth:
-                    page.toggle("Ground truth", "truth", "True joints, white.")
-            self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
-            page.button(
-                "Light or dark", self.room.turn_light, "sun-moon", "Of this page. Light is for print and projectors.",
-                by_page=True,
+            page.toggle("Cameras", "cameras", "Draw the cameras in the scene.")
+            page.toggle(
+                "Live images",
+                "images",
+                "Show each camera's image of this frame, in the scene and above.",
+            )
+        with gui.add_folder("Show"):
+            page.toggle(
+                "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it. Without it Shift and a drag pull any "
+                "joint or segment in the free view.",
             )  # fmt: skip
-            leave_button(page)
+            if session.has_truth:
+                page.toggle("Ground truth", "truth", "True joints, white.")
+        self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
+        page.button(
+            "Light or dark", self.room.turn_light, "sun-moon", "Of this page. Light is for print and projectors.",
+            by_page=True,
+        )  # fmt: skip
+        leave_button(page)
         self._look_by_keys(cameras)
         page.own(self.through, self._look)
         page.own(self.paint, self._paint)
@@ -124,7 +121,7 @@ class SessionPanel:
 
     def show_pictures(self, made: PictureSnapshot) -> None:
         """Show what the cameras see, side by side."""
-        wanted = self.page.state.display.images
+        wanted = self.state.display.images
         if wanted and made.thumbnails:
             put(self.sheet, content=sheet(made.frame, made.thumbnails))
         put(self.sheet, visible=wanted)
@@ -139,7 +136,7 @@ class SessionPanel:
 
     def _paint(self, client: Client, chosen: str) -> None:
         """Paint over what a page looks through, and over the small pictures of all."""
-        paint, state = _PAINT_WORDS[chosen], self.page.state
+        paint, state = _PAINT_WORDS[chosen], self.state
         self.stage.looking.set_paint(client, paint)
         state.display.paint = "plain" if paint == "mask" else paint
         self.page.redraw()
@@ -236,12 +233,10 @@ def welcome(client: viser.ClientHandle, apply: Callable[[Taste], None]) -> None:
 
 
 @dataclass
-class Room:
+class Room(Part):
     """The pages' tastes."""
 
-    page: Page
-
-    def __post_init__(self) -> None:
+    def build(self) -> None:
         """Add the keys."""
         self.page.key("Hide or show the panel", "T", self.fold, by_page=True)
         self.page.key("Light or dark", "", self.turn_light, by_page=True)
@@ -268,7 +263,7 @@ class Room:
     def _apply(self, client: Client, taste: Taste) -> None:
         with client.lock:
             before, client.taste = client.taste, taste
-            gui = self.page.gui
+            gui = self.gui
             if taste.folded != before.folded:
                 internals.fold_panel(client.handle, gui, gui.main_panel, taste.folded)
             if taste.colours != before.colours:
@@ -283,13 +278,12 @@ _HINT = "Camera view: Z and X, or the wheel, zoom in and out; drag to move the i
 
 
 @dataclass
-class ZoomKeys:
+class ZoomKeys(Part):
     """Keys and buttons of the views; each page's own line about its view."""
 
-    page: Page
     looking: Looking
 
-    def __post_init__(self) -> None:
+    def build(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
         views, phrase = self.looking.views, self.page.phrase
         views.changed = self._notify
@@ -302,7 +296,7 @@ class ZoomKeys:
         ):
             self.page.key(words, key, act, by_page=True)
             acts[label] = act
-        buttons = self.page.gui.add_button_group("Zoom", tuple(acts), hint=phrase(_HINT))
+        buttons = self.gui.add_button_group("Zoom", tuple(acts), hint=phrase(_HINT))
         self.page.own(buttons, lambda client, what: acts[what](client))
 
     def _notify(self, client: Client) -> None:

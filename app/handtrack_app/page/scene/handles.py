@@ -16,7 +16,7 @@ from handtrack.geometry.rotation import (
     rotation_matrix,
     rotation_vector,
 )
-from handtrack_app.page.page import Client, Page
+from handtrack_app.page.page import Client, Part
 from handtrack_app.page.pins.grips import ROOT
 
 RootEdit = Callable[[dict[str, float], str, str, bool], None]
@@ -76,20 +76,19 @@ class RootHandle:
 
 
 @dataclass
-class GrabKeys:
+class GrabKeys(Part):
     """G lets the handle move, R turn; X, Y and Z, along or about that axis of it alone. The same again, or Escape, ends it.
 
     It is dragged with the button held: viser reports no pointer that only moves.
     """
 
-    page: Page
     control: viser.TransformControlsHandle
     """of the root"""
     _kind: str = ""
     _axis: str = ""
     _was_shown: bool = True
 
-    def __post_init__(self) -> None:
+    def build(self) -> None:
         for key, words in (
             ("G", "Grab: move the {kind}; then X, Y or Z"),
             ("R", "Turn the {kind}; then X, Y or Z"),
@@ -98,7 +97,7 @@ class GrabKeys:
 
     def _begin(self, kind: str, client: Client) -> None:
         self._kind, self._axis = kind, ""
-        self._was_shown = self.page.state.display.handle
+        self._was_shown = self.state.display.handle
         client.modal = partial(self._heard, client)
         self.page.draw("handle", True)
         self._show()

@@ -6,9 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
-import viser
-
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Panel, put
 from handtrack_app.page.time.lanes import (
     Lane,
     Window,
@@ -25,11 +23,9 @@ _FACTOR = 2.0
 
 
 @dataclass
-class TimelinePanel:
+class TimelinePanel(Panel):
     """Handles of the timeline. A click anywhere on the lanes goes there: the slider lies over them, and has their ends."""
 
-    page: Page
-    tab: viser.GuiTabHandle
     every: bool = False
     """all lanes, not only the first ones"""
     moved: Callable[[], None] = lambda: None
@@ -37,30 +33,25 @@ class TimelinePanel:
     _lanes: list[Lane] = field(default_factory=list)
     _pose: PoseSnapshot | None = None
 
-    def __post_init__(self) -> None:
-        page, gui = self.page, self.page.gui
+    def build(self) -> None:
+        page, gui = self.page, self.gui
         self.window, self._frame = Window.whole(self.frames), page.state.session.first_frame
-        with self.tab:
-            self.picture = gui.add_html("")
-            self.cursor = gui.add_html("")
-            self.slider = gui.add_slider(
-                "Frame", self.window.first, self.window.last, 1, self._frame
-            )
-            self.play = page.buttons(
-                "Playback", _PLAY, self._pressed, "First frame, back, play or pause, next, last frame. Keys: Space, arrows.",
-            )  # fmt: skip
-            self.zoom = page.buttons(
-                "Timeline", _ZOOM, self.look_closer, "Fewer frames, more frames, all frames; more lanes or the first ones.",
-            )  # fmt: skip
-            self.speed = page.choice(
-                "Speed", _SPEEDS, partial(setattr, page.state, "speed"), now="1×"
-            )
+        self.picture = gui.add_html("")
+        self.cursor = gui.add_html("")
+        self.slider = gui.add_slider("Frame", self.window.first, self.window.last, 1, self._frame)
+        self.play = page.buttons(
+            "Playback", _PLAY, self._pressed, "First frame, back, play or pause, next, last frame. Keys: Space, arrows.",
+        )  # fmt: skip
+        self.zoom = page.buttons(
+            "Timeline", _ZOOM, self.look_closer, "Fewer frames, more frames, all frames; more lanes or the first ones.",
+        )  # fmt: skip
+        self.speed = page.choice("Speed", _SPEEDS, partial(setattr, page.state, "speed"), now="1×")
         page.on(self.slider, lambda _, frame: page.go_to(frame))
         page.key("Timeline: fewer frames", "shift+F", partial(self.look_closer, _ZOOM[0]))
         page.key("Timeline: more frames", "shift+G", partial(self.look_closer, _ZOOM[1]))
 
     def _pressed(self, key: str) -> None:
-        page, state = self.page, self.page.state
+        page, state = self.page, self.state
         targets = (state.strip.start, state.frame - 1, None, state.frame + 1, state.strip.stop - 1)
         target = targets[_PLAY.index(key)]
         page.play(target is None and not state.playing)
@@ -70,7 +61,7 @@ class TimelinePanel:
     @property
     def frames(self) -> range:
         """Those of the recording."""
-        return range(self.page.state.strip.start, self.page.state.strip.stop)
+        return range(self.state.strip.start, self.state.strip.stop)
 
     def look_closer(self, how: str) -> None:
         """Show fewer frames or more, all, or other lanes: a button's sign, of `_ZOOM`."""
@@ -81,7 +72,7 @@ class TimelinePanel:
             self.look_at(Window.whole(self.frames))
         else:
             factor = 1 / _FACTOR if how == _ZOOM[0] else _FACTOR
-            self.look_at(self.window.zoomed(factor, self.page.state.frame))
+            self.look_at(self.window.zoomed(factor, self.state.frame))
 
     def look_at(self, window: Window) -> None:
         """Show a part of the recording."""
@@ -110,7 +101,7 @@ class TimelinePanel:
 
     def _redraw(self) -> None:
         """Send all lanes again."""
-        strip = self.page.state.strip
+        strip = self.state.strip
         self._lanes = lanes_of(strip, self.window, self.every)
         put(self.picture, content=lanes_picture(self._lanes, strip, self.window, self.every))
         put(self.slider, min=self.window.first, max=self.window.last)
