@@ -2,7 +2,8 @@
 
 DATA: a folder with `webxr_generic_hand`, `umetrack_generic_hand` and, for motions, `realsense_hand_pose`. MAKEHUMAN, LEAP: the git folders
 of copies of makehumancommunity/makehuman and leapmotion/leapjs-playback. OUT: gets a folder for each part of `HALVES`: figures are fitted to
-`tune` and `seen`; `fresh`, other people, motions and noise, is for one look, after which it has been seen.
+`tune` and `seen`; `fresh`, other people, motions and noise, was for one look, at which figures in the documentation were read; nobody has
+looked at `apart`.
 """
 
 from __future__ import annotations
@@ -143,6 +144,24 @@ HALVES = {
         5 ragged umetrack letters
         4 makehuman0 fist
     """,
+    "apart": """
+        2 joints unmasked makehuman4 letters
+        2 joints unmasked umetrack curls
+        3 joints unmasked webxr wave:0
+        2 joints unmasked makehuman1 three-claps:0
+        2 joints ragged makehuman5 fist
+        2 joints makehuman2 flapping:0
+        3 joints late umetrack letters
+        3 joints gaps makehuman6 pinches
+        2 joints turned webxr counts
+        2 ragged makehuman4 curls
+        2 gaps makehuman7 rollAndPitchCropped:0
+        2 late makehuman2 fist
+        3 sleeve umetrack waiting-short:0
+        3 turned ragged makehuman7 animbank_a:1000
+        4 webxr fist
+        5 gaps makehuman5 letters
+    """,
 }
 """of each recording cameras, faults, hand, and motion: of `motions.SHAPES`, or FILE:ROW of RealSense's or Leap Motion's. Faults: masks with
 ragged outlines; the second camera late; the last one turned; gaps, a fifth of the masks missing, and the second camera's before frame 10; a
@@ -166,7 +185,7 @@ class Moving:
 
 
 def main() -> None:
-    """Write both halves."""
+    """Write all parts."""
     data, makehuman, leap, out = map(Path, sys.argv[1:5])
     hands = read_meshes(data)
     base = cache(lambda: Base.read(makehuman))
@@ -193,8 +212,9 @@ def main() -> None:
                 angles = motions.read_leap(leap, file, int(first), FRAMES + BEFORE)
             moving = moved(as_person(hand(name), who), angles, motion, rng, who.left, "sleeve" in faults)  # fmt: skip
             what = "_".join([f"{cameras}cam", *sorted(faults), name, motion.replace(":", "")])
-            write(out / half / what, moving, rig_of(int(cameras), rng), rng, faults)
-            print(out / half / what, flush=True)
+            folder = out / half / what
+            write(folder, moving, rig_of(int(cameras), rng), rng, faults)
+            print(folder)
 
 
 def moved(
