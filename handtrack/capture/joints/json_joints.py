@@ -9,17 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats
 from handtrack.capture.images.frames import frame_number
 from handtrack.capture.images.openpose import LAYOUTS, body_points, read_openpose
 from handtrack.capture.joints.given_joints import (
+    HANDS_IN,
     BodyPoints,
     Hand,
     ImportedJoints,
     checked_bodies,
     cleaned,
     frame_of,
-    hand_of,
     side_in,
 )
 from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS
@@ -37,18 +36,55 @@ _POSE = ("pose_landmarks", "poseLandmarks")
 _POSE_POINTS = BODY_LAYOUTS["mediapipe33"].count
 _SIDES = ("handedness", "handednesses", "multi_handedness", "multiHandedness")
 _WHOLE = BODY_LAYOUTS["coco133"].count
-_WHOLE_BODY = {_WHOLE: {"left": 91, "right": 112}, 21: {"": 0}}
-"""by how many points a person has: where the hands' 21 begin"""
+_BODY_OF_WHOLE = BODY_LAYOUTS["coco17"].count
+_KEYS = {"lefthand_kpts": "left", "righthand_kpts": "right", "keypoints": ""}
+"""of a person's points, and whose hand they are alone"""
 _MIRRORED = {"left": "right", "right": "left"}
 
 
 def read_json_joints(tree: Any, where: str) -> ImportedJoints | None:
     """Return the joints of one JSON file of all frames; None for other files. Raises HandtrackError."""
     frames = [(number, _by_side(entry)) for number, entry in _frames(tree, where)]
-    if any(_landmarks(entry) is not None or _pose(entry) for _, entry in frames):
-        return _mediapipe(frames, where)
-    people = [(frame, person) for frame, entry in frames for person in _people(entry)]
-    return _whole_body(people, frames, where) if people else None
+    is_mediapipe = any(
+        isinstance(entry.get(key), list | Mapping)
+        for _, entry in frames
+        for key in (*_MEDIAPIPE, *_POSE)
+    )
+    numbers = sorted({frame for frame, _ in frames})
+    is_numbered = not is_mediapipe and any("frame_id" in entry for _, entry in frames)
+    first = int(is_numbered and numbers == list(range(1, len(numbers) + 1)))  # as MMPose's demos
+    hands: dict[str, dict[int, Hand]] = {}
+    people: dict[int, list[BodyPoints]] = {}
+    any_found = False
+    for frame, entry in frames:
+        for side, points in _detected(entry, f"{where}: frame {frame}"):
+            any_found = True
+            for part, rows in HANDS_IN.get(len(points), {}).items():
+                own, hand = hands.setdefault(side or part, {}), points[list(rows)]
+                before = own[frame - first][:, 2].sum() if frame - first in own else 0.0
+                if hand[:, 2].sum() > before:
+                    own[frame - first] = hand
+            body = points[: _BODY_OF_WHOLE if len(points) == _WHOLE else None]
+            if len(points) != len(JOINTS) and (body[:, 2] > 0).any():
+                people.setdefault(frame - first, []).append(points)
+    if is_mediapipe:
+        notes = ()
+        if len(hands) == 1:  # what MediaPipe says of a single hand is not needed
+            hands = {"": hands.popitem()[1]}
+        elif hands:
+            hands = {_MIRRORED.get(side, side): found for side, found in hands.items()}
+            notes = (
+                "MediaPipe names hands as in a mirror: of images that are not mirrored, its 'Left' is the right hand.",
+            )
+        bodies = checked_bodies(people, where, "mediapipe33")
+        return ImportedJoints("MediaPipe's JSON", hands, "mediapipe21", (), notes, bodies)
+    if not any_found:
+        return None
+    notes = (f"{where}: frames are counted from 1 there, here from 0.",)[:first]
+    bodies = checked_bodies(people, where)
+    whole = bodies is None or bodies.count == _WHOLE
+    family = "COCO-WholeBody as RTMPose writes it" if whole else "COCO's JSON"
+    return ImportedJoints(family, hands, notes=notes, bodies=bodies)
 
 
 def _frames(tree: Any, where: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
@@ -88,9 +124,6 @@ def _number(entry: Mapping[str, Any], otherwise: int, where: str) -> int:
     return otherwise
 
 
-# ---- MediaPipe
-
-
 def _by_side(entry: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a frame whose landmarks stand by side, each as columns of numbers by point, as MediaPipe writes a frame."""
     sides = entry.get("landmarks")
@@ -113,137 +146,44 @@ def _in_rows(hand: Any) -> Any:
     return [list(row) for row in zip(*columns, strict=False)]
 
 
-def _landmarks(entry: Mapping[str, Any]) -> list[Any] | None:
-    found = next((entry[k] for k in _MEDIAPIPE if k in entry), None)
-    return found if isinstance(found, list) else None
-
-
-def _mediapipe(frames: list[tuple[int, Mapping[str, Any]]], where: str) -> ImportedJoints:
-    hands: dict[str, dict[int, Hand]] = {}
-    notes = ()
-    for frame, entry in frames:
-        labels = _labels(entry)
-        for i, points in enumerate(_lists(_landmarks(entry) or [], len(JOINTS))):
-            if len(points) == _POSE_POINTS:
-                continue
-            places, _ = _points(points, 1.0, f"{where}: frame {frame}")
-            if len(places) != len(JOINTS):
+def _detected(entry: Mapping[str, Any], where: str) -> Iterator[tuple[str, BodyPoints]]:
+    """Yield the hands and bodies of a frame, each with the side that stands with it."""
+    said = next((entry[k] for k in _SIDES if k in entry), [])
+    labels = [side_in(str(one)) for one in (said if isinstance(said, list) else [said])]
+    for keys in (_MEDIAPIPE, _POSE):
+        for i, one in enumerate(_lists(next((entry[k] for k in keys if k in entry), []))):
+            is_pose = isinstance(one, list) and len(one) == _POSE_POINTS
+            sure = [p.get("visibility", 1.0) if isinstance(p, Mapping) else 1.0 for p in one]
+            points = _points(one, sure if is_pose else 1.0, where)
+            if len(points) not in (len(JOINTS), _POSE_POINTS):
                 raise HandtrackError(
-                    f"{where}: frame {frame}: a hand of {len(places)} landmarks; expected {len(JOINTS)}."
+                    f"{where}: a hand of {len(points)} landmarks; expected {len(JOINTS)}."
                 )
-            said = labels[i] if i < len(labels) else ""
-            hand = hand_of(JOINTS, places, np.ones(len(JOINTS)))
-            hands.setdefault(said, {}).setdefault(frame, hand)
-    if len(hands) == 1:  # what MediaPipe says of a single hand is not needed
-        hands = {"": next(iter(hands.values()))}
-    else:
-        hands = {_MIRRORED.get(side, side): found for side, found in hands.items()}
-        notes = (
-            "MediaPipe names hands as in a mirror: of images that are not mirrored, its 'Left' is the right hand.",
-        )
-    people = {
-        frame: [_pose_person(one, f"{where}: frame {frame}") for one in _pose(entry)]
-        for frame, entry in frames
-    }
-    bodies = checked_bodies(people, where, "mediapipe33")
-    return ImportedJoints("MediaPipe's JSON", hands, "mediapipe21", (), notes, bodies)
-
-
-def _pose(entry: Mapping[str, Any]) -> list[Any]:
-    """Return the people of a frame, each a list of MediaPipe's 33 points."""
-    found = next((entry[k] for k in (*_POSE, *_MEDIAPIPE) if isinstance(entry.get(k), list)), [])
-    if isinstance(entry.get(_POSE[0]), Mapping):
-        found = [entry[_POSE[0]]]
-    return [
-        one
-        for one in _lists(found, _POSE_POINTS)
-        if isinstance(one, list) and len(one) == _POSE_POINTS
-    ]
-
-
-def _pose_person(points: list[Any], where: str) -> BodyPoints:
-    sure = [p.get("visibility", 1.0) if isinstance(p, Mapping) else 1.0 for p in points]
-    return cleaned(np.column_stack(_points(points, sure, where)))
-
-
-def _lists(found: list[Any], count: int) -> list[Any]:
-    """Return the hands, or people, of a frame: a list of lists of points, or of the `count` points of one."""
-    hands = [
-        hand.get("landmark", hand.get("landmarks", hand)) if isinstance(hand, Mapping) else hand
-        for hand in found
-    ]
-    is_one = len(hands) == count and not any(isinstance(h, list) and len(h) == count for h in hands)
-    return [found] if is_one else hands
-
-
-def _labels(entry: Mapping[str, Any]) -> list[str]:
-    found = next((entry[k] for k in _SIDES if k in entry), [])
-    found = found if isinstance(found, list) else [found]
-    return [side_in(str(one)) for one in found]
-
-
-# ---- COCO-WholeBody
-
-
-def _people(entry: Mapping[str, Any]) -> list[Any]:
-    if "keypoints" in entry or "righthand_kpts" in entry or "lefthand_kpts" in entry:
-        return [entry]
+            yield labels[i] if i < len(labels) and not is_pose else "", points
     inner = entry.get("instances", entry.get("people", entry.get("predictions")))
-    people = inner if isinstance(inner, list) else ()
-    return [person for person in people if isinstance(person, Mapping) and "keypoints" in person]
+    for person in (entry, *(inner if isinstance(inner, list) else ())):
+        for key, side in _KEYS.items() if isinstance(person, Mapping) else ():
+            if key in person:
+                sure = None if side else person.get("keypoint_scores", person.get("scores"))
+                points = _points(person[key], sure, where)
+                if not side or len(points) == len(JOINTS):
+                    yield side, points
 
 
-def _whole_body(
-    people: list[tuple[int, Any]], frames: list[tuple[int, Mapping[str, Any]]], where: str
-) -> ImportedJoints:
-    best: dict[str, dict[int, Hand]] = {}
-    everybody: dict[int, list[BodyPoints]] = {}
-    for frame, person in people:
-        body, sides = _person(person, f"{where}: frame {frame}")
-        if body is not None:
-            everybody.setdefault(frame, []).append(body)
-        for side, hand in sides.items():
-            known = best.setdefault(side, {})
-            sure = hand[:, 2].sum()
-            if sure > 0 and (frame not in known or sure > known[frame][:, 2].sum()):
-                known[frame] = hand
-    numbers = sorted({frame for frame, _ in frames})
-    is_numbered = any("frame_id" in entry for _, entry in frames)
-    notes = ()
-    if is_numbered and numbers == list(range(1, len(numbers) + 1)):  # as MMPose's demos count
-        best = {
-            side: {frame - 1: hand for frame, hand in found.items()} for side, found in best.items()
-        }
-        everybody = {frame - 1: found for frame, found in everybody.items()}
-        notes = (f"{where}: frames are counted from 1 there, here from 0.",)
-    bodies = checked_bodies(everybody, where)
-    whole = bodies is None or bodies.count == _WHOLE
-    family = "COCO-WholeBody as RTMPose writes it" if whole else "COCO's JSON"
-    return ImportedJoints(family, best, notes=notes, bodies=bodies)
+def _lists(found: Any) -> list[Any]:
+    """Return the hands, or people, of a frame as lists of points: of a list of them, of one, or of one's points."""
+    several = found if isinstance(found, list) else [found]
+    people = [
+        one.get("landmark", one.get("landmarks", one)) if isinstance(one, Mapping) else one
+        for one in several
+    ]
+    lists = [one for one in people if isinstance(one, list) and one]
+    lists = [one for one in lists if isinstance(one[0], list | Mapping) or len(one) > 4]
+    return lists or ([found] if isinstance(found, list) and found else [])
 
 
-def _person(person: Mapping[str, Any], where: str) -> tuple[BodyPoints | None, dict[str, Hand]]:
-    """Return a person's points, of whatever detector, None where they are a hand's, or none was found; and the hands by side."""
-    hands: dict[str, Hand] = {}
-    for side in ("left", "right"):
-        if f"{side}hand_kpts" in person:
-            points, sure = _points(person[f"{side}hand_kpts"], None, where)
-            if len(points) == len(JOINTS):
-                hands[side] = hand_of(JOINTS, points, sure)
-    if "keypoints" not in person:
-        return None, hands
-    scores = person.get("keypoint_scores", person.get("scores"))
-    points, sure = _points(person["keypoints"], scores, where)
-    for side, start in ({} if hands else _WHOLE_BODY.get(len(points), {})).items():
-        part = slice(start, start + len(JOINTS))
-        hands[side] = hand_of(JOINTS, points[part], sure[part])
-    body = cleaned(np.column_stack([points, sure]))
-    seen = body[: BODY_LAYOUTS["coco17"].count] if len(body) == _WHOLE else body
-    return body if len(body) != len(JOINTS) and (seen[:, 2] > 0).any() else None, hands
-
-
-def _points(values: Any, scores: Any, where: str) -> tuple[Floats, Floats]:
-    """Return points (N, 2) [px] and confidence (N,), from N times x, y, or flat x, y, confidence where no scores stand beside.
+def _points(values: Any, scores: Any, where: str) -> BodyPoints:
+    """Return points from N times x, y, or flat x, y, confidence where no scores stand beside.
 
     scores: one a point, or one number for all.
     """
@@ -258,15 +198,15 @@ def _points(values: Any, scores: Any, where: str) -> tuple[Floats, Floats]:
         array = array.reshape(len(array), -1)
         if scores is None:
             scores = array[:, 2] if array.shape[1:] == (3,) else 1.0
-        one = isinstance(scores, float)
-        sure = np.full(len(array), scores) if one else np.array(scores, float).ravel()
+        sure = np.array(scores, float).ravel()
+        sure = np.full(len(array), sure) if isinstance(scores, float) else sure
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError):
         raise HandtrackError(f"{where}: points that are no numbers x, y, confidence.") from None
     if array.shape[1] < 2 or len(sure) != len(array):
         raise HandtrackError(
             f"{where}: {len(array)} keypoints with {len(sure)} scores; expected as many."
         )
-    return array[:, :2], np.where(np.isfinite(sure), sure, 0.0)
+    return cleaned(np.column_stack([array[:, :2], sure]))
 
 
 # ---- OpenPose
