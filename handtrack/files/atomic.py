@@ -37,7 +37,8 @@ def replacing(path: Path) -> Iterator[Path]:
     part = Path(name)
     try:
         yield part
-        _sync(part)
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())
         part.chmod(0o666 & ~umask())
         part.replace(path)
     except OSError as error:
@@ -84,7 +85,8 @@ def remove_abandoned(folder: Path) -> list[Path]:
         if named is None or path.is_symlink():
             continue
         with suppress(OSError):
-            if time.time() - _touched(path) <= _ABANDONED_S:
+            touched = max(one.lstat().st_mtime for one in (path, *path.rglob("*")))
+            if time.time() - touched <= _ABANDONED_S:
                 continue
             if path.is_file() and Path(named["name"]).suffix == (named["suffix"] or ""):
                 path.unlink()
@@ -96,21 +98,11 @@ def remove_abandoned(folder: Path) -> list[Path]:
     return gone
 
 
-def _touched(path: Path) -> float:
-    """Return when a file, or anything in a folder, was written last [s]."""
-    return max(one.lstat().st_mtime for one in (path, *path.rglob("*")))
-
-
 def _is_private(folder: Path) -> bool:
     """Return whether a folder is as `filling` makes it: nobody else's, and closed to others."""
     found = folder.lstat()
     own = not hasattr(os, "getuid") or found.st_uid == os.getuid()
     return own and (os.name == "nt" or found.st_mode & 0o777 == 0o700)
-
-
-def _sync(path: Path) -> None:
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
 
 
 def sync_folder(folder: Path) -> None:

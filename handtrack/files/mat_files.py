@@ -1,6 +1,7 @@
 """MATLAB's .mat files of version 5 to 7: numbers, texts, structs and cells as Python's own.
 
-SciPy's reader is not used: a file of nested structs makes it overrun its stack, which ends the program.
+SciPy's reader is not used: nested structs make it overrun its stack, and one of some thousand damaged files (SciPy 1.17) its memory,
+which ends the program.
 """
 
 from __future__ import annotations

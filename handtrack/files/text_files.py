@@ -92,7 +92,11 @@ def read_json(path: Path, what: str, most_bytes: int = MOST_BYTES) -> Any:
     """Return what a JSON file says; NaN and infinity are refused, as JSON does. Raises HandtrackError."""
     text = read_text(path, what, most_bytes)
     try:
-        return json.loads(text, parse_constant=_no_constant, parse_int=_whole)
+        return json.loads(
+            text,
+            parse_constant=_no_constant,
+            parse_int=lambda n: int(n) if len(n) <= _LONGEST_WHOLE else float(n),
+        )
     except json.JSONDecodeError as error:
         raise HandtrackError(
             f"{path}: not valid JSON at line {error.lineno}: {error.msg}; expected {what} there."
@@ -146,7 +150,3 @@ def metres_in(unit: Any, where: str) -> float:
 
 def _no_constant(name: str) -> float:
     raise ValueError(f"{name} is no JSON number; write null where a value is unknown")
-
-
-def _whole(digits: str) -> float:
-    return int(digits) if len(digits) <= _LONGEST_WHOLE else float(digits)

@@ -61,7 +61,11 @@ class MaskRefinement:
                 f"{session.folder / SESSION_FILE}: no camera with `images`; masks are made of images."
             )
         for view in self.views:
-            _check_folder(self._folder(view))
+            folder = self._folder(view)
+            if folder.is_dir() and any(folder.iterdir()) and not (folder / _MARK).exists():
+                raise HandtrackError(
+                    f"{folder} holds files that `handtrack masks` did not write, so it is left as it is. Move them away."
+                )
 
     @cached_property
     def rows(self) -> dict[int, int]:
@@ -184,11 +188,3 @@ class MaskRefinement:
 def _source(camera: Camera) -> Floats[H, W, D2]:
     """Return the place in the undistorted image that each pixel shows."""
     return remap_source(camera.undistort_points(pixel_grid(camera.size)))
-
-
-def _check_folder(folder: Path) -> None:
-    """Raise HandtrackError where files of others lie."""
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / _MARK).exists():
-        raise HandtrackError(
-            f"{folder} holds files that `handtrack masks` did not write, so it is left as it is. Move them away."
-        )

@@ -96,7 +96,9 @@ class Lease:
                 if _lives(holder, before):
                     raise LeaseTaken(folder, holder)
             generation = max(least, 1 if before is None else _generation(before) + 1)
-            holder = _ourselves(generation, program)
+            pid, now = os.getpid(), time.strftime("%Y-%m-%d %H:%M:%S")
+            host, started = socket.gethostname(), _process_start(pid)
+            holder = Holder(generation, program, pid, host, _machine(), started, now)
             path = _path(folder, generation)
             try:
                 handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
@@ -173,13 +175,6 @@ def _read(path: Path) -> Holder:
         return msgspec.json.decode(path.read_bytes(), type=Holder)
     except (OSError, msgspec.MsgspecError):
         return Holder(_generation(path), "an unknown program", 0, "an unknown host", "", "", "")
-
-
-def _ourselves(generation: int, program: str) -> Holder:
-    pid, now = os.getpid(), time.strftime("%Y-%m-%d %H:%M:%S")
-    return Holder(
-        generation, program, pid, socket.gethostname(), _machine(), _process_start(pid), now
-    )
 
 
 def _machine() -> str:

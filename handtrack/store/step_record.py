@@ -34,7 +34,11 @@ def step_content(step: Step) -> _Content:
     packed = _Packed()
     data = _of_result(step.result, packed)
     packed.add("belief", step.belief)
-    data["hypotheses"] = [_of_hypothesis(h, n, packed) for n, h in enumerate(step.hypotheses)]
+    data["hypotheses"] = []
+    for n, known in enumerate(step.hypotheses):
+        for name, field in _BELIEF.items():
+            packed.add(f"hypothesis{n}.{name}", getattr(known.belief, field))
+        data["hypotheses"].append([float(known.cost), float(known.weight), known.origin])
     return packed.content(data)
 
 
@@ -52,8 +56,11 @@ def read_result(record: Record) -> FrameResult:
 def read_step(record: Record) -> Step:
     """Return the frame of a record with what the next one needs. Raises as `read_result` does."""
     arrays, data = _arrays(record), record.data
-    hypotheses = tuple(_hypothesis(h, n, arrays) for n, h in enumerate(data.get("hypotheses", ())))
-    return Step(_result(data, arrays), arrays.get("belief"), hypotheses)
+    hypotheses = list[Hypothesis]()
+    for n, numbers in enumerate(data.get("hypotheses", ())):
+        belief = {field: arrays[f"hypothesis{n}.{name}"] for name, field in _BELIEF.items()}
+        hypotheses.append(Hypothesis(MotionBelief(**belief), *numbers))
+    return Step(_result(data, arrays), arrays.get("belief"), tuple(hypotheses))
 
 
 class _Packed:
@@ -119,18 +126,6 @@ def _result(data: dict[str, Any], arrays: dict[str, Array]) -> FrameResult:
         for n, numbers in enumerate(data["alternatives"])
     )
     return FrameResult(**known)
-
-
-def _of_hypothesis(known: Hypothesis, number: int, packed: _Packed) -> list[object]:
-    for name, field in _BELIEF.items():
-        packed.add(f"hypothesis{number}.{name}", getattr(known.belief, field))
-    return [float(known.cost), float(known.weight), known.origin]
-
-
-def _hypothesis(numbers: list[Any], number: int, arrays: dict[str, Array]) -> Hypothesis:
-    cost, weight, origin = numbers
-    belief = {field: arrays[f"hypothesis{number}.{name}"] for name, field in _BELIEF.items()}
-    return Hypothesis(MotionBelief(**belief), cost, weight, origin)
 
 
 _BELIEF = {"mean": "mean", "velocity": "velocity", "motion": "covariance"}

@@ -174,7 +174,7 @@ TIMES = {
     "columns": ("cam,frame,t\ncam0,0,0.0", ["the columns are cam,frame,t", "camera,frame,time_s"]),
     "empty": ("", ["the columns are missing", "expected camera,frame,time_s"]),
     "text": ("camera,frame,time_s\ncam0,one,0.0", ["line 2: 'cam0,one,0.0'", "whole frame number"]),
-    "short": ("camera,frame,time_s\ncam0,1", ["line 2: 'cam0,1,None'", "and seconds"]),
+    "short": ("camera,frame,time_s\ncam0,1", ["line 2: 'cam0,1'", "and seconds"]),
     "NaN": ("camera,frame,time_s\ncam0,1,nan", ["line 2: frame 1, time nan", "finite seconds"]),
     "camera": ("camera,frame,time_s\ncam9,1,0.1", ["line 2: unknown camera 'cam9'", "cam0, cam1"]),
     "twice": ("camera,frame,time_s\ncam0,1,0.1\ncam0,1,0.2", ["line 3: a second time", "frame 1"]),

@@ -106,7 +106,9 @@ def calibrate_rig(
     T_new_world = _new_world(settings.world, used, refined.state, T_world_board)
     rig = _rig(used, refined.state, np.linalg.inv(T_new_world))
     T_world_board = {f: np.asarray(T_new_world @ p, float) for f, p in T_world_board.items()}
-    left = _per_view(used, refined)
+    lengths = [len(view.ids) for camera in used for view in camera.views]
+    parts = iter(np.split(refined.residuals, np.cumsum(lengths)[:-1]))
+    left = tuple(tuple(islice(parts, len(camera.views))) for camera in used)
     reports = [
         camera_report(
             rig.cameras[c],
@@ -267,12 +269,6 @@ def _assembled(
         np.stack([_pose_vector(pose) for pose in view_poses]),
     )
     return corners, state
-
-
-def _per_view(cameras: Sequence[CameraViews], refined: Refined) -> tuple[tuple[Floats, ...], ...]:
-    lengths = [len(view.ids) for camera in cameras for view in camera.views]
-    parts = iter(np.split(refined.residuals, np.cumsum(lengths)[:-1]))
-    return tuple(tuple(islice(parts, len(camera.views))) for camera in cameras)
 
 
 def _rig(cameras: Sequence[CameraViews], state: RigState, T_world_new: Floats) -> CameraRig:

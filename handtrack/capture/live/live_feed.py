@@ -286,9 +286,16 @@ class LiveFeed:
         """Make a frame of the newest images; None where no camera gave one for so long [s]."""
         with self._making:
             with self._changed:
-                if not self._changed.wait_for(self._may_begin, timeout_s) or not self._waiting:
+                cameras = self.cameras
+                self._changed.wait_for(
+                    lambda: any(c.has_new for c in cameras) or all(c.gone for c in cameras),
+                    timeout_s,
+                )
+                if not any(c.has_new for c in cameras):
                     return None
-                self._changed.wait_for(self._is_complete, self._tolerance_s)
+                self._changed.wait_for(
+                    lambda: all(c.has_new or c.gone for c in cameras), self._tolerance_s
+                )
                 taken = {camera.name: camera.take() for camera in self.cameras}
             timed = {name: image for name, image in taken.items() if image is not None}
             newest = max(time_s for time_s, _ in timed.values())
@@ -298,16 +305,6 @@ class LiveFeed:
                 if newest - time_s <= self._tolerance_s
             }
             return self._add(images, newest, counts)
-
-    @property
-    def _waiting(self) -> bool:
-        return any(camera.has_new for camera in self.cameras)
-
-    def _may_begin(self) -> bool:
-        return self._waiting or all(camera.gone for camera in self.cameras)
-
-    def _is_complete(self) -> bool:
-        return all(camera.has_new or camera.gone for camera in self.cameras)
 
     def _add(self, images: Mapping[str, Array], clock_s: float, counts: bool) -> LiveFrame:
         if self._zero_s is None:

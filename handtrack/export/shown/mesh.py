@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.surfaces.metaballs import SHARPNESS_PER_M
 from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
@@ -42,13 +41,10 @@ def joint_links(model: ArticulatedModel) -> list[tuple[int, int]]:
             above = int(model.skeleton.parent[above])
             before = _on(model, above)
         if before:
-            links.append((_closest(model, before, place), joint))
+            away = np.linalg.norm(model.joint_point[before] - place, axis=1)
+            links.append((before[int(np.argmin(away))], joint))
     return links
 
 
 def _on(model: ArticulatedModel, bone: int) -> list[int]:
     return np.flatnonzero(model.joint_bone == bone).tolist()
-
-
-def _closest(model: ArticulatedModel, joints: list[int], place: Floats[D3]) -> int:
-    return min(joints, key=lambda k: float(np.linalg.norm(model.joint_point[k] - place)))

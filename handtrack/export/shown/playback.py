@@ -34,6 +34,7 @@ def scene_of(table: ResultsTable) -> dict[str, Any]:
     turns = quaternion_wxyz(track.T_world_bone[..., :3, :3])
     poses = np.concatenate([track.T_world_bone[..., :3, 3], turns], axis=-1)
     cameras = () if table.rig is None else table.rig
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     return {
         "session": track.session,
         "model": track.model if model.kind == "body" else f"{track.model}, {track.side}",
@@ -56,17 +57,12 @@ def scene_of(table: ResultsTable) -> dict[str, Any]:
             {
                 "name": camera.name,
                 "centre": _rounded(camera.centre),
-                "corners": _rounded(camera.rays(_corners(camera.size))),
+                "corners": _rounded(camera.rays(corners * camera.size - 0.5)),
                 "up": _rounded(-camera.rotation[1]),
             }
             for camera in cameras
         ],
     }
-
-
-def _corners(size: tuple[int, int]) -> Any:
-    width, height = size
-    return np.array([[0, 0], [width, 0], [width, height], [0, height]], float) - 0.5
 
 
 def _rounded(values: Any) -> Any:

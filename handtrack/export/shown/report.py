@@ -158,8 +158,8 @@ _TICKS = 4
 
 def curves(time_s: Floats[F], values: Mapping[str, Floats[F]], unit: str) -> str:
     """Return a picture of curves by name, with their axis; gaps where a value is not finite."""
-    known = np.concatenate([column[np.isfinite(column)] for column in values.values()])
-    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    finite = np.concatenate([column[np.isfinite(column)] for column in values.values()])
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
     if high - low < 1e-12:
         low, high = low - 0.5, high + 0.5
     first, last = float(time_s[0]), float(max(time_s[-1], time_s[0] + 1e-9))
@@ -175,7 +175,12 @@ def curves(time_s: Floats[F], values: Mapping[str, Floats[F]], unit: str) -> str
         parts.append(f'<text x="{at:.1f}" y="{HEIGHT - 5}" text-anchor="middle">{tick:g} s</text>')
     for k, column in enumerate(values.values()):
         y = _TOP + (high - column) / (high - low) * span
-        parts.append(f'<path d="{_line(x, y)}" fill="none" stroke="{_colour(k)}"/>')
+        line, before = "", False
+        for across, down in zip(x, y, strict=True):
+            known = bool(np.isfinite(down))
+            line += f"{'L' if before else 'M'}{across:.1f} {down:.1f}" if known else ""
+            before = known
+        parts.append(f'<path d="{line}" fill="none" stroke="{_colour(k)}"/>')
     named = "".join(
         f'<span><i style="background:{_colour(k)}"></i>{html.escape(name)}</span>'
         for k, name in enumerate(values)
@@ -184,15 +189,6 @@ def curves(time_s: Floats[F], values: Mapping[str, Floats[F]], unit: str) -> str
         f'<figure><figcaption>{named}<span class="soft">[{html.escape(unit)}]</span></figcaption>'
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img">{"".join(parts)}</svg></figure>'
     )
-
-
-def _line(x: Floats[F], y: Floats[F]) -> str:
-    words, pen_down = [], False
-    for across, down in zip(x, y, strict=True):
-        if np.isfinite(down):
-            words.append(f"{'L' if pen_down else 'M'}{across:.1f} {down:.1f}")
-        pen_down = bool(np.isfinite(down))
-    return "".join(words)
 
 
 def _rounded_ticks(low: float, high: float) -> list[float]:

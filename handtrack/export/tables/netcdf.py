@@ -27,7 +27,9 @@ def write(path: Path, table: ResultsTable) -> None:
         (coordinates, arrays, attributes), entry = labelled(table.track), about(table)
         words = {"axes": entry["axes"], "description": json.dumps(entry)}
         for name, value in {**attributes, **words}.items():
-            setattr(file, name, (_ascii(value) or "-") if isinstance(value, str) else value)
+            if isinstance(value, str):  # the classic format's attributes hold ASCII
+                value = value.encode("ascii", "replace").decode() or "-"
+            setattr(file, name, value)
         for name, values in coordinates.items():
             _add(file, name, (name,), values, "s")
         for name, (axes, values, unit) in arrays.items():
@@ -61,8 +63,3 @@ def _add(
         variable._Encoding = "utf-8"
     else:
         variable.units = unit
-
-
-def _ascii(text: str) -> str:
-    """Return text that the classic format's attributes can hold."""
-    return text.encode("ascii", "replace").decode()

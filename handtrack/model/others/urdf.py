@@ -8,10 +8,10 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from handtrack.arrays import D3, Floats
 from handtrack.errors import HandtrackError
-from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.others import shapes
 from handtrack.model.others.tree import Hinge, Link, Shape, definition_of, hinge, numbers, read_root
 
@@ -117,8 +117,7 @@ def _shapes(visual: _Element, path: Path) -> list[Shape]:
 def _origin(element: _Element, path: Path) -> tuple[Floats[D3], Floats[D3, D3]]:
     origin = element.find("origin")
     given: Mapping[str, str] = {} if origin is None else origin.attrib
-    roll, pitch, yaw = numbers(given, "rpy", (0.0, 0.0, 0.0), path, 3)[:, None] * np.eye(3)
-    turn = rotation_matrix(yaw) @ rotation_matrix(pitch) @ rotation_matrix(roll)
+    turn = Rotation.from_euler("xyz", numbers(given, "rpy", (0.0, 0.0, 0.0), path, 3)).as_matrix()
     return numbers(given, "xyz", (0.0, 0.0, 0.0), path, 3), turn
 
 

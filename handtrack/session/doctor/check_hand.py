@@ -49,7 +49,10 @@ def check_init(session: Session) -> Iterator[Finding]:
         return
     if pose.xyz is not None:
         yield from check_palm("init.json", pose.xyz)
-    points = _joints(session, pose) if pose.xyz is None else pose.xyz
+    points = pose.xyz
+    if points is None:
+        model = _model(session, pose)
+        points = model.joint_positions(model.bones(model.params_from(dict(pose.parameters))))
     points = points[np.isfinite(points).all(axis=1)]
     misses = [text for view in session.views if (text := _misses(view, pose.frame, points))]
     misses += _misses_cloud(session, pose.frame, points)
@@ -72,12 +75,6 @@ def _no_first_pose(session: Session) -> Finding:
     return note(
         "no init.json: tracking needs a first pose (`--init auto` looks for one, or set it in the workbench)."
     )
-
-
-def _joints(session: Session, pose: FirstPose) -> Floats:
-    """Return (J, 3) the joints [m] of a pose given by parameters."""
-    model = _model(session, pose)
-    return model.joint_positions(model.bones(model.params_from(dict(pose.parameters))))
 
 
 def check_model(session: Session) -> Iterator[Finding]:

@@ -43,8 +43,8 @@ def check_joints(session: Session) -> Iterator[Finding]:
     off, _, points = found
     if off > _MOST_OFF:
         yield warning(
-            f"joints seen by cameras {_listed(seen)} do not meet in space by this calibration: they miss each other by {_words(found)}. "
-            + (_what_would_fit(seen, found) or _NOTHING_FITS)
+            f"joints seen by cameras {', '.join(repr(camera.name) for camera, _ in seen)} do not meet in space by this calibration: they "
+            f"miss each other by {_words(found)}. {_what_would_fit(seen, found) or _NOTHING_FITS}"
         )
         return
     late = _time_offset(seen, found)
@@ -248,7 +248,3 @@ def _check_size(
 def _words(match: _Match) -> str:
     px = "more than the image" if match[1] > 1e5 else f"{match[1]:.1f} px"
     return f"{px} (median)"
-
-
-def _listed(seen: Sequence[_View]) -> str:
-    return ", ".join(f"'{camera.name}'" for camera, _ in seen)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, H, N, W, evenly_spread
+from handtrack.arrays import Array, N, evenly_spread
 from handtrack.capture.images.frames import FrameSource, listed
 from handtrack.capture.images.synchrony import ImageMotion, TimeOffset, time_offsets
 from handtrack.capture.images.video import VideoFile
@@ -225,19 +225,10 @@ def _statistics(view: View) -> Iterator[tuple[float, ...]]:
             inside = view.hand_pixels(frame)
             kept = hand if inside is None else hand & (inside > 0)
             outside = 1 - kept.sum() / max(hand.sum(), 1) if hand.any() else 0.0
-            at_border = _touches_border(hand)
-            yield frame, float(hand.mean()), at_border, float(outside), _second_piece(kept)
-
-
-def _second_piece(hand: Array[H, W]) -> float:
-    """Return the size of the second largest piece beside the largest; 0 where there is one alone."""
-    _, _, stats, _ = cv2.connectedComponentsWithStats(hand.astype(np.uint8))
-    sizes = np.sort(stats[1:, cv2.CC_STAT_AREA])[::-1]
-    return float(sizes[1] / sizes[0]) if len(sizes) > 1 else 0.0
-
-
-def _touches_border(mask: Array[H, W]) -> bool:
-    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
+            border = hand[[0, -1]].any() or hand[:, [0, -1]].any()
+            _, _, stats, _ = cv2.connectedComponentsWithStats(kept.astype(np.uint8))
+            second, first = np.sort([0, 0, *stats[1:, cv2.CC_STAT_AREA]])[-2:]
+            yield frame, hand.mean(), border, outside, second / max(first, 1)
 
 
 # ---- The doctor's look at the rig: distances, units, lenses
@@ -273,23 +264,20 @@ def _check_distances(session: Session) -> Iterator[Finding]:
             f"{span}, with world_unit_m = {unit:g}. Is calibration.toml in millimetres? Then "
             "world_unit_m = 0.001."
         )
-    elif copied := [(a.name, b.name) for a, b in pairs if _have_one_pose(a, b)]:
+    elif copied := [
+        f"{a.name!r} and {b.name!r}"
+        for a, b in pairs
+        if np.abs(a.centre - b.centre).max() < _ROUNDING
+        and np.abs(a.rotation - b.rotation).max() < _ROUNDING
+    ]:
         yield warning(
-            f"cameras {' and '.join(map(repr, copied[0]))} have one pose. Was it copied? (The colour and the infrared "
-            "camera of one housing differ by a little.)"
+            f"cameras {copied[0]} have one pose. Was it copied? (The colour and the infrared "
+            "camera of one housing differ by 0.01 mm or more.)"
         )
     elif apart.max() < _SAME_PLACE_M:
         yield warning(f"{span}, with world_unit_m = {unit:g}. Is the unit wrong?")
     else:
         yield ok(f"{span}.")
-
-
-def _have_one_pose(a: Camera, b: Camera) -> bool:
-    """Return whether two poses are the same but for rounding; two cameras of one housing differ by 0.01 mm or more."""
-    return bool(
-        np.abs(a.centre - b.centre).max() < _ROUNDING
-        and np.abs(a.rotation - b.rotation).max() < _ROUNDING
-    )
 
 
 def check_lens(camera: Camera) -> Iterator[Finding]:

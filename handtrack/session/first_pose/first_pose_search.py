@@ -66,7 +66,11 @@ def find_first_poses(
     HandtrackError
         For a body without joints.
     """
-    _check_joints(run)
+    if run.model.kind != "hand" and not run.sees_joints:
+        raise HandtrackError(
+            f"{run.session.folder}: {NO_JOINTS.format(model=run.model.name)} Or pose it in the workbench (`handtrack open`), or give a "
+            "pose with --init FILE."
+        )
     report = on_progress or (lambda share, text: None)
     stop = should_stop or (lambda: False)
     searches = _MOST_TRIED + (not _is_size_known(run))
@@ -191,16 +195,6 @@ def no_pose_error(run: TrackingRun) -> HandtrackError:
     return HandtrackError(
         f"{run.session.folder}: no first pose was found: no frame that was looked at shows a {_SHOWN_BY[run.model.kind]}. {why}"
         f"Look at them with `handtrack doctor`, or pose the {run.model.kind} in the workbench (`handtrack open`)."
-    )
-
-
-def _check_joints(run: TrackingRun) -> None:
-    """Raise HandtrackError, which says what is needed, for a body of which no joints are looked at."""
-    if run.model.kind == "hand" or run.sees_joints:
-        return
-    raise HandtrackError(
-        f"{run.session.folder}: {NO_JOINTS.format(model=run.model.name)} Or pose it in the workbench (`handtrack open`), or give a "
-        "pose with --init FILE."
     )
 
 

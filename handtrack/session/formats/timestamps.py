@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping
 from dataclasses import field
@@ -12,6 +11,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, N, array_dataclass
 from handtrack.errors import HandtrackError
+from handtrack.files.text_files import read_rows, read_text
 
 COLUMNS = ("camera", "frame", "time_s")
 _UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
@@ -71,32 +71,38 @@ def read_timestamps(path: Path, rates: Mapping[str, float | None]) -> dict[str, 
     HandtrackError
         Naming the line.
     """
-    cameras = tuple(rates)
     times: dict[str, dict[int, float]] = {}
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
-            found = tuple(reader.fieldnames or ())
-            if found != COLUMNS:
-                raise HandtrackError(
-                    f"{path}: the columns are {','.join(found) or 'missing'}; expected "
-                    f"{','.join(COLUMNS)}."
-                )
-            for row in reader:
-                where = f"{path}, line {reader.line_num}"
-                camera, frame, time_s = _entry(row, where, cameras)
-                if frame in times.setdefault(camera, {}):
-                    raise HandtrackError(
-                        f"{where}: a second time for camera '{camera}', frame {frame}."
-                    )
-                times[camera][frame] = time_s
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise HandtrackError(f"{path}: cannot be read as csv: {error}.") from None
+    head, *rows = read_rows(read_text(path, "times of frames"), str(path), ",") or [[]]
+    if [name.strip() for name in head] != list(COLUMNS):
+        raise HandtrackError(
+            f"{path}: the columns are {','.join(head) or 'missing'}; expected {','.join(COLUMNS)}."
+        )
+    for number, row in enumerate(rows, 2):
+        where = f"{path}, line {number}"
+        try:
+            name, frame, time_s = row[0].strip(), int(row[1]), float(row[2])
+            if len(row) > 3:  # a decimal comma
+                raise ValueError
+        except (IndexError, ValueError):
+            if not row:
+                continue
+            raise HandtrackError(
+                f"{where}: '{','.join(row)}'; expected a camera, a whole frame number and seconds."
+            ) from None
+        if name not in rates:
+            raise HandtrackError(f"{where}: unknown camera '{name}'; known: {', '.join(rates)}.")
+        if frame < 0 or not math.isfinite(time_s):
+            raise HandtrackError(
+                f"{where}: frame {frame}, time {time_s}; expected a frame from 0 and finite seconds."
+            )
+        if frame in times.setdefault(name, {}):
+            raise HandtrackError(f"{where}: a second time for camera '{name}', frame {frame}.")
+        times[name][frame] = time_s
     if not times:
         raise HandtrackError(f"{path}: times of 0 frames; expected at least two.")
     return {
         name: _of_camera(f"{path}, camera '{name}'", times[name], rates[name])
-        for name in cameras
+        for name in rates
         if name in times
     }
 
@@ -130,23 +136,3 @@ def _check_unit(where: str, step_s: float, fps: float | None) -> None:
                 f"{where}: {step_s:.4g} s from frame to frame; expected seconds. Are these {unit}{agree}? Multiply time_s "
                 f"by {size_s:g}. If they are seconds, confirm it with an fps of {1 / step_s:.3g} in session.toml."
             )
-
-
-def _entry(row: dict[str, str], where: str, cameras: tuple[str, ...]) -> tuple[str, int, float]:
-    try:
-        if None in row:  # more columns than names: a decimal comma
-            raise ValueError
-        camera, frame, time_s = row["camera"], int(row["frame"]), float(row["time_s"])
-    except (TypeError, ValueError):
-        more = row.get(None) or ()  # type: ignore[call-overload]
-        shown = ",".join([*(str(row[column]) for column in COLUMNS), *more])
-        raise HandtrackError(
-            f"{where}: '{shown}'; expected a camera, a whole frame number and seconds."
-        ) from None
-    if camera not in cameras:
-        raise HandtrackError(f"{where}: unknown camera '{camera}'; known: {', '.join(cameras)}.")
-    if frame < 0 or not math.isfinite(time_s):
-        raise HandtrackError(
-            f"{where}: frame {frame}, time {time_s}; expected a frame from 0 and finite seconds."
-        )
-    return camera, frame, time_s

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-import math
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from copy import copy
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
-from handtrack.arrays import D2, Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.text_files import read_json
+from handtrack.files.toml_table import at_least, read_table
 from handtrack.files.versions import write_over
 from handtrack.geometry.camera import CameraRig
 from handtrack.observation.pins import ImagePins, Pin
@@ -22,6 +23,22 @@ from handtrack.session.layout import PINS_FILE, inside
 
 _FORMAT = 1
 _DIGITS = 3  # of a pixel: a thousandth of one
+
+
+@dataclass(frozen=True)
+class _PinRow:
+    """A pin as the file has it."""
+
+    frame: Annotated[int, at_least(0)]
+    camera: str
+    pixel: Annotated[tuple[float, float], Meta(description="2 numbers")]
+    joint: str = ""
+    bone: str = ""
+    point_m: Annotated[tuple[float, float, float], Meta(description="3 numbers")] | None = None
+
+    def __post_init__(self) -> None:
+        if bool(self.joint) == bool(self.bone) or bool(self.bone) != bool(self.point_m):
+            raise ValueError('expected either "joint", or "bone" with "point_m".')
 
 
 class SessionPins:
@@ -104,9 +121,8 @@ class SessionPins:
         """The file's text as it is to be now; None without pins."""
         with self._lock:
             pins = {frame: self._pins[frame] for frame in sorted(self._pins)}
-        return self._text(pins) if pins else None
-
-    def _text(self, pins: Mapping[int, tuple[Pin, ...]]) -> str:
+        if not pins:
+            return None
         rows = ",\n".join(
             "  " + json.dumps(self._row(frame, pin)) for frame, own in pins.items() for pin in own
         )
@@ -116,11 +132,8 @@ class SessionPins:
         """Return a pin as the file has it, in the image as it was taken."""
         row: dict[str, object] = {"frame": frame, "camera": pin.camera}
         row |= {"joint": pin.joint} if pin.joint else {"bone": pin.bone, "point_m": list(pin.point)}
-        return row | {"pixel": [round(float(x), _DIGITS) for x in self._taken(pin)]}
-
-    def _taken(self, pin: Pin) -> Floats[D2]:
-        """Return a pin's pixel in the image as it was taken."""
-        return self._rig[pin.camera].distort_points(np.array(pin.pixel))
+        taken = self._rig[pin.camera].distort_points(np.array(pin.pixel))
+        return row | {"pixel": [round(float(x), _DIGITS) for x in taken]}
 
     def _read(self) -> dict[int, tuple[Pin, ...]]:
         data = read_json(self._path, "pins")
@@ -139,30 +152,13 @@ class SessionPins:
         return found
 
     def _pin(self, row: Any, where: str) -> tuple[int, Pin]:
-        if not isinstance(row, dict):
-            raise HandtrackError(f"{where} is {row!r}; expected a table with frame, camera, pixel.")
-        frame, camera = row.get("frame"), row.get("camera")
-        if not isinstance(frame, int) or isinstance(frame, bool) or frame < 0:
-            raise HandtrackError(f"{where}: frame = {frame!r}; expected a frame's number.")
-        if camera not in self._rig:
-            raise unknown_name("camera", str(camera), self._rig.names, where)
-        pixel = _numbers(row.get("pixel"), 2, f"{where}: pixel")
-        flat = self._rig[str(camera)].undistort_points(np.array(pixel))
+        read = read_table(_PinRow, row, where)
+        if read.camera not in self._rig:
+            raise unknown_name("camera", read.camera, self._rig.names, where)
+        flat = self._rig[read.camera].undistort_points(np.array(read.pixel))
         if not np.isfinite(flat).all():
             raise HandtrackError(
-                f"{where}: pixel = {list(pixel)} lies where the lens of {camera} cannot have put anything."
+                f"{where}: pixel = {list(read.pixel)} lies where the lens of {read.camera} cannot have put anything."
             )
-        joint, bone = str(row.get("joint", "")), str(row.get("bone", ""))
-        if bool(joint) == bool(bone):
-            raise HandtrackError(f'{where}: expected either "joint", or "bone" with "point_m".')
-        point = _numbers(row.get("point_m"), 3, f"{where}: point_m") if bone else (0.0, 0.0, 0.0)
-        return frame, Pin(str(camera), (float(flat[0]), float(flat[1])), joint, bone, point)
-
-
-def _numbers(given: Any, count: int, where: str) -> Any:
-    good = isinstance(given, list) and len(given) == count
-    if not good or not all(
-        isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x) for x in given
-    ):
-        raise HandtrackError(f"{where} = {given!r}; expected {count} numbers.")
-    return tuple(float(x) for x in given)
+        pixel, point = (float(flat[0]), float(flat[1])), read.point_m or (0.0, 0.0, 0.0)
+        return read.frame, Pin(read.camera, pixel, read.joint, read.bone, point)

@@ -297,7 +297,12 @@ class View:
             source = self._taught_by
         assert source is not None
         if self._lessons is not None:
-            source = _read_once(source, self._lessons.setdefault(method.needs, LRUCache()))
+            memory, whole = self._lessons.setdefault(method.needs, LRUCache()), source
+
+            def read(frame: int) -> Array | None:
+                return memory.value(frame, lambda: whole.read(frame), _most_images)
+
+            source = DerivedFrames(whole, read)
         try:
             if isinstance(method, Seeded):
                 return self._learned_by_joints(method, source)
@@ -420,14 +425,7 @@ def _straightened(taken: FrameSource, lens: SourceLens, view: PinholeView) -> De
     return DerivedFrames(taken, read, view.size)
 
 
-def _read_once(
-    source: FrameSource, memory: LRUCache[int, Array[H, W, *Axes] | None]
-) -> DerivedFrames:
-    """Return a source that reads each frame once. memory: of this source alone."""
-    return DerivedFrames(source, lambda f: memory.value(f, lambda: source.read(f), _most))
-
-
-def _most(image: Array[H, W, *Axes] | None) -> int:
+def _most_images(image: Array[H, W, *Axes] | None) -> int:
     return max(_BYTES_KEPT // (1 if image is None else image.nbytes), 1)
 
 

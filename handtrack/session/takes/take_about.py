@@ -20,7 +20,6 @@ from handtrack.errors import HandtrackError
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, matching_files, place_of
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.session_file import SessionFile
 from handtrack.store.store import Store
 from handtrack.store.take import TakeAbout
 from handtrack.tracking.frame.result import TrackLabels, TrackResult
@@ -78,8 +77,17 @@ def files_read(session: Session) -> dict[str, str]:
     other times, and session.toml may say the same in another way: these are the second words.
     """
     folder, file = session.folder, session.file
+    # not its name, nor how it is tracked, which a take says itself
+    parts = (
+        replace(file.session, name="-"),
+        *file.cameras,
+        file.clouds,
+        file.hand.model,
+        file.hand.side,
+    )
+    said = json.dumps([*map(_said, parts)], sort_keys=True, default=str)
     found = {
-        SESSION_FILE: f"{_digest(_recording(file))} {_content(folder / SESSION_FILE)}",
+        SESSION_FILE: f"{_digest(said)} {_content(folder / SESSION_FILE)}",
         CALIBRATION_FILE: f"{_digest(rig_json(session.rig))} {_content(folder / CALIBRATION_FILE)}",
     }
     recording, clouds = file.session, file.clouds
@@ -174,13 +182,6 @@ def _foreign_words(what: str, changed: Sequence[str]) -> str:
 def _listed(words: Sequence[str]) -> str:
     *before, last = words
     return f"{', '.join(before)} and {last}" if before else last
-
-
-def _recording(file: SessionFile) -> str:
-    """Return what session.toml says of the recording; not its name, nor how it is tracked, which a take says itself."""
-    recording = replace(file.session, name="-")
-    said = [recording, *file.cameras, file.clouds, file.hand.model, file.hand.side]
-    return json.dumps([*map(_said, said)], sort_keys=True, default=str)
 
 
 def _said(value: Any) -> Any:

@@ -195,7 +195,10 @@ def _content(path: Path) -> tuple[str, Any]:
     check_file(path, _WHAT)
     start = first_bytes(path)
     if start[:4] == b"PK\3\4":
-        return "npz", {key: _plain(value) for key, value in read_arrays(path).items()}
+        arrays = read_arrays(path).items()  # without pickles
+        return "npz", {
+            k: a if a.ndim and a.dtype.kind not in "US" else a.tolist() for k, a in arrays
+        }
     if start[:10] == b"MATLAB 5.0":
         variables = read_mat(path)
         return "mat", read_mat_objects(path) if _holds_object(variables) else variables
@@ -211,7 +214,8 @@ def _content(path: Path) -> tuple[str, Any]:
         return "", None
     text = start.decode("utf-8-sig", errors="replace").lstrip()
     if text.startswith("<"):
-        return _xml(path)
+        root = read_xml(path, _WHAT)
+        return "xml", _storage(root, 0, path) if root.tag == _STORAGE else root
     if text.startswith("{") or re.match(r"\[\s*\{", text):
         return "json", read_json(path, _WHAT)
     if text.startswith(("%YAML", "---")):
@@ -248,23 +252,11 @@ def _rows(path: Path) -> dict[str, list[list[float]]]:
     return found
 
 
-def _plain(value: Any) -> Any:
-    """Return an array; one number or text as itself, texts as a list. Pickles were refused before."""
-    return (
-        value.item() if value.ndim == 0 else value.tolist() if value.dtype.kind in "US" else value
-    )
-
-
 def _yaml(path: Path) -> tuple[str, Any]:
     try:
         return "yaml", parse_yaml(read_text(path, _WHAT))
     except ValueError as error:
         raise HandtrackError(f"{path}: not readable YAML: {error}.") from None
-
-
-def _xml(path: Path) -> tuple[str, Any]:
-    root = read_xml(path, _WHAT)
-    return "xml", _storage(root, 0, path) if root.tag == _STORAGE else root
 
 
 def _storage(element: ElementTree.Element, depth: int, path: Path) -> Any:
