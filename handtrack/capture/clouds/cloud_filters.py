@@ -26,7 +26,7 @@ _TREE_MOST = 60_000  # points that the outlier test looks at
 _LINK_M = 0.015  # cells of a component: gaps up to about that size do not part it
 _FAR_CELLS = 2**19  # cells beyond that from the middle count as one: their number fits 64 bits
 _NEAR_SHARE = 0.01  # of a part's points: single stray ones do not bring it near
-_LOOKED = 10  # of so many points one is asked how far from a hand it is
+_LOOKED = 10  # of so many points one is asked where the middle is, or how far from a hand it is
 _LEAST_SHARE = 0.02  # of the points: a smaller component is no hand
 
 
@@ -168,8 +168,9 @@ class CloudFilters:
             before = len(left)
             if before:
                 kept = keep(left)
-                fate[place[~kept]] = number
-                left, place = left.select(kept), place[kept]
+                if not kept.all():
+                    fate[place[~kept]] = number
+                    left, place = left.select(kept), place[kept]
             reports.append(FilterReport(name, before, len(left), text))
         return fate, tuple(reports)
 
@@ -221,12 +222,12 @@ def within_range(
     points: Floats[N, D3], centres: Floats[C, D3], near_m: float, far_m: float
 ) -> Array[N]:
     """Return which points lie in the range [m] of at least one camera at `centres`."""
-    found = np.zeros(len(points), bool)
+    found, left = np.zeros(len(points), bool), slice(None)
     for centre in centres:
-        left = np.flatnonzero(~found)
         away = points[left] - centre
         square = np.einsum("ij,ij->i", away, away)
         found[left] = (square >= near_m**2) & (square <= far_m**2)
+        left = np.flatnonzero(~found)
     return found
 
 
@@ -321,7 +322,7 @@ def inliers(points: Floats[N, D3], neighbours: int, ratio: float, seed: int) -> 
 def cell_numbers(points: Floats[N, D3], side_m: float) -> Ints[N]:
     """Return one whole number per point, equal within a cell of one grid."""
     cells = np.floor(points / side_m)
-    cells -= np.floor(np.median(cells, axis=0)) if len(cells) else 0.0
+    cells -= np.floor(np.median(cells[::_LOOKED], axis=0)) if len(cells) else 0.0
     whole = np.clip(cells, -_FAR_CELLS, _FAR_CELLS).astype(np.int64) + _FAR_CELLS
     size = 2 * _FAR_CELLS + 1
     return (whole[:, 0] * size + whole[:, 1]) * size + whole[:, 2]
