@@ -130,19 +130,18 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
     Of three and more views two must say so: a mask may lack a finger; so it does where a detector sees in the same image
     the part's joints where the model has them.
     """
-    worst, reason = DOUBTFUL_PART, None
     names, parts, joints = _parts(terms.model)
     overlaps = parts_overlap(terms.prepared, terms.model.ellipsoids["fine"], parts, bones)
-    detected = _detected(terms, joints, bones)
-    for bone, found, by_joints in zip(names, overlaps, detected, strict=True):
-        inside = np.where(found.model >= _LEAST_PART_PX, found.both / found.model.clip(1.0), 1.0)
-        inside[by_joints] = 1.0
-        view = int(np.argsort(inside)[1 if len(inside) > 2 else 0])
-        if inside[view] < worst:
-            worst = inside[view]
-            camera = terms.prepared[view].camera
-            reason = Reason("part outside", bone.replace("_", " "), camera.name, float(1 - worst))
-    return reason
+    model, both = np.array([(found.model, found.both) for found in overlaps]).swapaxes(0, 1)
+    inside = np.where(model >= _LEAST_PART_PX, both / model.clip(1.0), 1.0)
+    inside[_detected(terms, joints, bones)] = 1.0
+    views = np.argsort(inside, axis=1)[:, 1 if inside.shape[1] > 2 else 0]
+    shares = inside[np.arange(len(names)), views]
+    worst = int(np.argmin(shares))
+    if shares[worst] >= DOUBTFUL_PART:
+        return None
+    camera, part = terms.prepared[views[worst]].camera, names[worst].replace("_", " ")
+    return Reason("part outside", part, camera.name, float(1 - shares[worst]))
 
 
 def _detected(terms: FrameTerms, joints: Ints[N, J], bones: BonePoses) -> Array[N, C]:
@@ -595,7 +594,7 @@ def frame_confidence(
     seen = CLOUD if terms.cloud is not None else JOINTS if terms.detected else MASKS
     seen = BODY if model.kind == "body" else seen
     hidden = curls(model, joint)
-    if model.has_keypoints21:
+    if model.has_keypoints21 and terms.detected:
         hidden = hidden * (1.0 - _confirmed(terms, model.bones(params)))
     reported = calibrated_covariance(model, hidden, joint_covariance, bad, seen)
     reported += mirrored_covariance(terms, params)

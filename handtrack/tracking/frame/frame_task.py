@@ -90,12 +90,13 @@ class FrameTask:
             self.ahead,
             self.texture,
         )
-        if not self.previous or self.expected is None:
+        later = self.observation.later
+        if not self.previous or self.expected is None or not any(later.values()):
             return terms
         last = self.previous[-1]
         ends = (self.model.solver_params(x) for x in (last.parameters, self.expected))
         velocity = change(*ends) / (self.observation.frame - last.frame)
-        return at_camera_times(terms, self.observation.later, params, velocity)
+        return at_camera_times(terms, later, params, velocity)
 
     def opened(self) -> tuple[Floats[P], FrameTerms]:
         """Return where to begin and the frame's terms there; the forearm of a first pose is aimed first."""

@@ -116,7 +116,8 @@ def see_cloud(
     away = surface.distance(start, points)
     near = away < settings.cloud.crop_mm * _MM
     objects = away > _OBJECT_M
-    objects[objects] = _is_before(vertices, points[objects], views)
+    if objects.any():
+        objects[objects] = _is_before(vertices, points[objects], views)
     if near.any() and objects[near].mean() > _MOST_HIDDEN:
         objects[:] = False
     points, before = points[near & ~objects], points[objects]
