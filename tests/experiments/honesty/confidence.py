@@ -1,8 +1,8 @@
-"""Refit what frames say of themselves: python -m tests.experiments.honesty.confidence RECORDINGS TRACKS [HALF…]
+"""Refit what frames say of themselves: python -m tests.experiments.honesty.confidence RECORDINGS TRACKS HALF…
 
 RECORDINGS: what `python -m tests.experiments.honesty.recordings` wrote. TRACKS: gets what was tracked of each, with all that a judgement
-goes by; what is there already is not tracked again. HALF: of which; all unless given. Prints the numbers for
-`handtrack/tracking/frame/confidence.py`, fitted to all but `fresh`, what they say of each half and of recordings they were not fitted to,
+goes by; what is there already is not tracked again. HALF: of which. Prints the numbers for
+`handtrack/tracking/frame/confidence.py`, fitted to `tune` and `seen`, what they say of each half and of recordings they were not fitted to,
 beside those that are there now; with --json nothing but the last. `tune/two_videos`, README's session with the sample's truth beside it,
 has a real detector's joints; it counts as much as all made ones where regions are fitted, and for nothing else.
 """
@@ -37,7 +37,6 @@ from handtrack.tracking.frame.confidence import (
 )
 from handtrack.tracking.frame.result import PARTS
 from handtrack.tracking.whole import recording_estimate
-from tests.experiments.honesty.recordings import HALVES
 
 _CHI2_90 = 6.251388631170325
 _PART_MM, _FIST = 10.0, 0.5
@@ -310,21 +309,21 @@ def main() -> None:
     """Track what is not there yet, fit, and print."""
     recordings, tracks, *chosen = [word for word in sys.argv[1:] if word != "--json"]
     recordings, tracks = Path(recordings), Path(tracks)
-    for half in chosen or HALVES:
+    for half in chosen:
         (tracks / half).mkdir(parents=True, exist_ok=True)
         for session in sorted(p.parent for p in (recordings / half).glob(f"*/{SESSION_FILE}")):
             to = tracks / half / f"{session.name}.pickle"
             if not to.exists():
                 to.write_bytes(pickle.dumps(tracked(session)))
                 print(to, file=sys.stderr, flush=True)
-    halves = {half: Half.read(tracks / half) for half in chosen or HALVES}
+    halves = {half: Half.read(tracks / half) for half in chosen}
     said = {half: read.said()[0] for half, read in halves.items()}
     if "--json" in sys.argv:
         print(json.dumps({f"{half}_{name}": share for half, read in halves.items() for name, share in shares(read, said[half]).items()}))  # fmt: skip
         return
     for half, read in halves.items():
         print(f"{half}, as it is: {table(read, said[half])}", flush=True)
-    known = [tracks / half for half in halves if half != "fresh"]
+    known = [tracks / half for half in halves if half in ("tune", "seen")]
     if not known:
         return
     every = Half.read(*known)
