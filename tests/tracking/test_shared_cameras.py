@@ -80,7 +80,7 @@ def watched(cameras, points, **more):
 
 def refined(observe, poses, **more):
     """Return the live frames, those refined, and what is said that all share."""
-    tracker, told = Tracker(HAND), Told()
+    tracker, told = Tracker(HAND, TrackerSettings().with_values(QUICK)), Told()
     live = list(track_frames(tracker, observe, 0, poses[0], range(len(poses))))
     frames = refine(
         Recording(HAND, tracker.settings, observe, Control(observer=told), **more), live
