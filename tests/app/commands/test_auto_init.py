@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from handtrack import Session, Status, evaluate, read_npz
+from handtrack.session import track_session
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack_app.commands.terminal import track_options
 from handtrack_app.commands.terminal.track_options import percent
@@ -21,6 +22,7 @@ def test_a_start_that_is_not_sure_is_taken_where_frames_confirm_it_or_its_user_s
         return [replace(one, **changed) for one in searched]
 
     monkeypatch.setattr(track_options, "find_first_poses", search)
+    monkeypatch.setattr(track_session, "wrong_side_warning", lambda *_: "")  # as long as a search
     out = tmp_path / "poses.npz"
     asked = ("track", session, "--init", "auto", "--out", out, "--frames")
     ended = handtrack.does(*asked, "0:2")
