@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack import Session, TrackResult, read_npz
+from handtrack import Camera, Session, TrackResult, read_npz
 from handtrack.bench.measuring import data_folder
 from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.simulation.render import pixel_rays, render
@@ -90,13 +90,19 @@ def hand_side(mask: np.ndarray, cut: list, inside: np.ndarray) -> np.ndarray:
     return mask & (side * float((inside - a) @ normal) > 0)
 
 
+def every_pixels_rays(camera: Camera) -> np.ndarray:
+    """Return directions of all pixels (H, W, 3), between those of every second: undoing a lens takes long."""
+    coarse = camera.scaled((camera.size[0] // 2, camera.size[1] // 2))
+    return cv2.resize(pixel_rays(coarse), camera.size)
+
+
 def compare(track: TrackResult, session: Session) -> dict[str, object]:
     """Return errors (pixels) of landmarks and overlaps (IoU) of the hand, of all frames together."""
     model = model_of(track)
     hand = model.ellipsoids["fine"]
     if model.has_forearm:
         hand = hand.subset(hand.bone != model.skeleton.bone("forearm"))
-    rays = {camera.name: pixel_rays(camera) for camera in session.rig.cameras}
+    rays = {camera.name: every_pixels_rays(camera) for camera in session.rig.cameras}
     errors, overlaps, outlined = [], [], []
     marked, drawn_by_eye = read_marks(), read_outlines()
     for result in track.frames():

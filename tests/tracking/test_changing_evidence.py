@@ -128,7 +128,7 @@ def test_a_hand_goes_on_where_masks_end_that_cut_its_cloud():
 def test_a_real_hand_goes_on_where_its_joints_end(data_dir):
     """Three infrared pairs of a room; the joints of a detector end as the hand moves fastest, and another place was found for it."""
     folder = data_dir / "sessions" / "d405_real_stereo"
-    values = {"model.fit_size": "false", "tracker.estimate": "forward"}
+    values = {"model.fit_size": "false", "model.forearm": "true", "tracker.estimate": "forward"}
     run = TrackingRun.open(Session.open(folder), values)
     with np.load(folder / "reference_dlt.npz") as file:
         joints = dict(zip(file["frame"].tolist(), file["keypoints21"], strict=True))

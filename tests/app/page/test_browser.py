@@ -57,7 +57,7 @@ class PageUnderTest:
 
 
 @contextlib.contextmanager
-def browsing(bench, dpr=0.25, size=(1300, 800)):
+def browsing(bench, size=(1300, 800)):
     """Show a workbench in a real browser; it is stopped afterwards."""
     if not there_is_one():
         pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
@@ -67,7 +67,7 @@ def browsing(bench, dpr=0.25, size=(1300, 800)):
     flags = "--webgl-antialiasing-mode=none", "--disable-gpu-compositing"
     with chromium(size, *flags) as (page, errors):
         page.add_init_script(FOUR_PER_SECOND)
-        page.goto(f"{bench.url}&fixedDpr={dpr:g}")
+        page.goto(f"{bench.url}&fixedDpr=0.25")
         page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"])
         eventually(
             bench.server.get_clients, "its camera is told: only then is it among the clients"
