@@ -109,7 +109,7 @@ def opened(folder: Path, out: Path) -> Iterator[Taker]:
             taker = Taker(bench, page, out)
             taker.until(lambda: bench.state.progress.state == "idle", _LONG_S)
             page.wait_for_timeout(_SETTLES_MS)
-            for client in bench.page.clients.values():
+            for client in bench.page.clients:
                 bench.layout.room.change(client, folded=False)
             yield taker
     finally:
@@ -126,7 +126,7 @@ def bundled(out: Path) -> None:
         strip = bench.state.strip
         if strip is None or (strip.status < 0).any():
             taker.tracked(0, 100, 0)
-        (client,) = bench.page.clients.values()
+        (client,) = bench.page.clients
         taker.show(_OPEN)
         bench.stage.look(None, client, everything=True)
         taker.take("workbench_tracked")
@@ -190,7 +190,7 @@ def body(out: Path, session: Path) -> None:
     """Take the picture of a tracked person."""
     with opened(session, out) as taker:
         taker.show(_OPEN)
-        (client,) = taker.bench.page.clients.values()
+        (client,) = taker.bench.page.clients
         taker.bench.stage.look(None, client, everything=True)
         taker.take("workbench_body")
 

@@ -46,7 +46,7 @@ class Browser:
 
     @property
     def client(self) -> Client:
-        return self.bench.page.clients[self.number]
+        return self.bench.page.by_number[self.number]
 
     @property
     def view(self) -> CameraView | None:

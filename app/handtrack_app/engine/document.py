@@ -232,6 +232,10 @@ class Document:
         return self.run.model
 
     @property
+    def session(self) -> Session:
+        return self.run.session
+
+    @property
     def start(self) -> Floats[S]:
         """The joint parameters of the pose with which tracking begins."""
         return self._by_name({})
@@ -248,9 +252,9 @@ class Document:
 
     def files_read(self) -> dict[str, str]:
         """Return a digest of all that the session is read from; looked at once, for what was read once stays in memory."""
-        file = self.run.session.file
+        file = self.session.file
         if self._read is None or self._read[0] is not file:
-            self._read = file, files_read(self.run.session)
+            self._read = file, files_read(self.session)
         return self._read[1]
 
     # ---- what was decided
@@ -260,7 +264,7 @@ class Document:
         back to it.
         """
         kind, entry = key
-        session, known = self.run.session, self.state.get(key)
+        session, known = self.session, self.state.get(key)
         if kind == "setting":
             return self.run.settings.flat().get(entry)
         if kind == "size":
@@ -316,9 +320,9 @@ class Document:
         for (place, content), own_frame in corrections:
             place.hold(own_frame, content)
         if corrections:
-            self.run.session.forget_observations()
+            self.session.forget_observations()
         for frame, own in pins.items():
-            self.run.session.pins.hold(frame, own)
+            self.session.pins.hold(frame, own)
         if changed["start"] and self.run.first is None:
             self._start_at(state.start)
 
@@ -373,7 +377,7 @@ class Document:
     def _clouds_of(self, clouds: CloudTable | None) -> CloudSettings | None:
         if clouds is None:
             return self.saved.clouds
-        cameras, table = self.run.session.file.cameras, clouds.table
+        cameras, table = self.session.file.cameras, clouds.table
         return None if table is None else read_clouds(table, cameras, "[clouds]")
 
     def _use(self, run: TrackingRun, resized: bool = False) -> None:
@@ -444,7 +448,7 @@ class Document:
         """Take the session's frames as they are known by now; poses outside of them do not show. Return whether they
         changed.
         """
-        known = self.run.session.known_frames
+        known = self.session.known_frames
         if known == self.frames:
             return False
         self.frames, self.rows = known, TrackedRows(known)
@@ -479,7 +483,7 @@ class Document:
 
     def truth_at(self, frame: int) -> Floats[D21, D3] | None:
         """Return the true keypoints of a frame, or joints (J, 3) of a body, world [m]."""
-        truth = self.run.session.truth
+        truth = self.session.truth
         return None if truth is None else truth.points_at(frame, self.model.joint_names)
 
     def error_mm(self, frame: int, bones: BonePoses) -> float:
@@ -549,7 +553,7 @@ class Document:
         """Corrections of the cameras that are surely off, as the track's last estimate of the whole recording found them, and
         that do not count yet.
         """
-        session, corrections = self.run.session, dict[str, CameraCorrection]()
+        session, corrections = self.session, dict[str, CameraCorrection]()
         for span in reversed(self.laid):
             take = self.takes.get(span.take)
             if take is None or take.labels.refinement is None:
@@ -568,12 +572,12 @@ class Document:
     @property
     def clouds(self) -> CloudSettings | None:
         """The settings of [clouds] in force."""
-        return self.run.session.file.clouds
+        return self.session.file.clouds
 
     @property
     def masks(self) -> dict[str, MaskChoice]:
         """Where each camera's masks come from."""
-        views = self.run.session.views
+        views = self.session.views
         return {view.name: (view.settings.masks, view.settings.roi) for view in views}
 
     @property

@@ -50,7 +50,7 @@ _PART_GRID = (20, 16)  # points around and steps along a part that is drawn
 
 def session_snapshot(document: Document) -> SessionSnapshot:
     """Return everything the page is built from."""
-    session, model = document.run.session, document.model
+    session, model = document.session, document.model
     driving = {model.parameter_names[s] for s in model.driving_joints}
     ellipsoids = model.ellipsoids["fine"]
     return SessionSnapshot(
@@ -106,7 +106,7 @@ _PAIRS = 12  # offered for stereo
 def cloud_card(document: Document) -> CloudCard:
     """Return where clouds come from and the settings in force."""
     settings = document.clouds
-    views = document.run.session.views
+    views = document.session.views
     with_images = tuple(view.name for view in views if view.settings.images is not None)
     pairs, source = tuple(combinations(with_images, 2)), ""
     if settings is not None:
@@ -128,7 +128,7 @@ _FILES = "Masks of {} are files. Choose a method to compute them from the images
 def mask_card(document: Document) -> MaskCard:
     """Return where masks come from, with the settings in force."""
     cards = []
-    for view in document.run.session.views:
+    for view in document.session.views:
         source = source_of(document.masks[view.name])
         table = dict(source.masks) if isinstance(source.masks, dict) else {}
         method = str(table.pop("method", NO_MASKS if source.masks is None else FILES))
@@ -198,7 +198,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     rows.follow(document)
     rows.changed.clear()
     lanes = {word: row.copy() for word, row in rows.lanes.items() if _is_meaningful(document, word)}
-    for frame in document.by_hand if document.run.session.truth is not None else ():
+    for frame in document.by_hand if document.session.truth is not None else ():
         error = lanes.setdefault(ERROR, np.full(len(rows.frames), np.nan))
         error[frame - rows.frames.start] = _given_error_mm(document, frame)
     hand = tuple(sorted(document.by_hand))
@@ -208,7 +208,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
         searched, document.marked, queue(document), resolved(document.laid, document.takes.frames_of),
         resolved(document.hidden, document.takes.frames_of), document.is_posed,
         {name: one.error.figures for name, one in document.camera_errors.items()},
-        document.run.session.corrected,
+        document.session.corrected,
     )  # fmt: skip
 
 
@@ -286,7 +286,7 @@ def pose_titles(model: ArticulatedModel) -> dict[str, str]:
 
 def pin_cards(document: Document, frame: int, bones: BonePoses) -> tuple[PinCard, ...]:
     """Return the pins of a frame beside the pose of these bones; those of places that the model lacks are left out."""
-    model, session = document.model, document.run.session
+    model, session = document.model, document.session
     names = model.joint_names, model.skeleton.bone_names
     pins = [pin for pin in session.pins.of(frame) if pin.is_on(*names)]
     if not pins:

@@ -170,7 +170,7 @@ class MaskService(PreviewService):
 
     def want_screens(self, screens: tuple[tuple[str, str], ...]) -> None:
         """Show the masks of these cameras whose large pictures are looked at."""
-        names = self.document.run.session.rig.names
+        names = self.document.session.rig.names
         wanted = (name for name, paint in screens if paint == "mask")
         self._screens = tuple(name for name in wanted if name in names)
         self.show()
@@ -193,7 +193,7 @@ class MaskService(PreviewService):
     def _make(self) -> Callable[[], MaskPicture]:
         document = self.document
         return partial(
-            masks_picture, self.opened.pictures, document.run.session, document.frame, self._on_all, self._screens
+            masks_picture, self.opened.pictures, document.session, document.frame, self._on_all, self._screens
         )  # fmt: skip
 
     # ---- changing
@@ -209,7 +209,7 @@ class MaskService(PreviewService):
 
     def _changed(self, camera: str, values: Mapping[str, object]) -> Edit:
         """Return the edit of one camera's masks, or of all that have what it takes. Raises HandtrackError."""
-        session = self.document.run.session
+        session = self.document.session
         sources, why = dict[str, MaskSource](), ""
         for view in [session.view(camera)] if camera else session.views:
             try:
@@ -273,7 +273,7 @@ class MaskService(PreviewService):
         """Take a box x, y, w, h [px] of a camera's undistorted image as region of interest (`roi`) or as skin (`sample`)."""
 
         def edit() -> Edit:
-            view = self.document.run.session.view(camera)
+            view = self.document.session.view(camera)
             x, y, width, height = box
             edges = [(x + s * width, y + t * height) for s in (0, 0.5, 1) for t in (0, 0.5, 1)]
             places = _as_taken(view, edges)
@@ -331,7 +331,7 @@ class MaskService(PreviewService):
 
     def _place(self, camera: str, frame: int) -> tuple[View, int]:
         """Return a camera's view and its own frame. Raises HandtrackError where it shows nothing."""
-        view = self.document.run.session.view(camera)
+        view = self.document.session.view(camera)
         own = view.own_frame(self.document.clamped(frame))
         if own is None:
             raise HandtrackError(f"camera '{camera}' shows nothing at frame {frame}.")
@@ -350,7 +350,7 @@ class MaskService(PreviewService):
         def change() -> None:
             store.check()
             store.write_what_rests(at_once=True)
-            views = [view for view in document.run.session.views if camera in ("", view.name)]
+            views = [view for view in document.session.views if camera in ("", view.name)]
             low, high = (min(max(n, 0), _MOST_CARRIED) for n in (before, behind))
             at = document.clamped(frame)
             frames = range(document.clamped(at - low), document.clamped(at + high) + 1)

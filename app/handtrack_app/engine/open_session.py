@@ -78,11 +78,11 @@ class OpenSession:
         """what comes back of the user's own work; of what the terminal or an import made nobody is told"""
         self._page = page
         self._served = self._written = known[1] if page and known and known[0] == page else 0
-        is_live = document.run.session.live is not None
+        is_live = document.session.live is not None
         self._live = LiveControl(document, publish) if is_live else None
         self.publish = publish
         self.painter = Painter(document, publish, mail)
-        self.pictures = CameraPictures(document.run.session)
+        self.pictures = CameraPictures(document.session)
         """for the render thread alone"""
         self.render_thread, self.post = render_thread, mail.put
         self.jobs = JobControl(self, recorder.show, compiles, self._live)
@@ -121,7 +121,7 @@ class OpenSession:
         elif not document.is_posed:
             notify("guide", "No first pose yet", NO_POSE[document.model.kind])
         self._notify_warnings(self.store.warning)
-        self._tuning.publish_notes(document.run.session.warnings)
+        self._tuning.publish_notes(document.session.warnings)
         self.jobs.show_progress()
         self._compare_cameras()
 
@@ -313,17 +313,17 @@ class OpenSession:
         """Change what is tracked by, save or restore it, and show what holds then. is_stroke: it is one of many that change no setting.
         Raises HandtrackError for what cannot be done, as anything while a job runs.
         """
-        document, known = self.document, observed_kinds(self.document.run.session)
+        document, known = self.document, observed_kinds(self.document.session)
         try:
             self.jobs.require_idle()
             self._tuning.followed(change)
         finally:
-            if not is_stroke or observed_kinds(document.run.session) != known:
+            if not is_stroke or observed_kinds(document.session) != known:
                 self._show_session()
             (self.show_pose if is_stroke else self.show_all)()
 
     def _notify_warnings(self, *more: str) -> None:
-        for warning in filter(None, (*more, *self.document.run.session.warnings)):
+        for warning in filter(None, (*more, *self.document.session.warnings)):
             if warning not in self._reported:
                 self._reported.add(warning)
                 self._notify("warning", "About this session", warning)
@@ -413,7 +413,7 @@ class OpenSession:
         """Do what waits while no command does."""
         if self._live is not None:
             self._watch_live(self._live)
-        elif not self._counted and self.document.run.session.is_counted:
+        elif not self._counted and self.document.session.is_counted:
             self._take_count()
         if self.painter.is_stale:
             self.painter.paint()

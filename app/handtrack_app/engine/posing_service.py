@@ -166,7 +166,7 @@ class PosingService(Service):
         frame = self.document.clamped(frame)
         if self._pull is None or (self._pull.tag, self._pull.frame) != (tag, frame):
             self._pull = self._begun(frame, tag)
-        pin, session = Pin(camera, pixel, *hold), self.document.run.session
+        pin, session = Pin(camera, pixel, *hold), self.document.session
         pinned_places(self.document.model, [pin])
         size = session.view(camera).camera.size
         if not np.isfinite(pixel).all() or np.abs(np.subtract(pixel, size)).max() > _FAR_PX:
@@ -185,7 +185,7 @@ class PosingService(Service):
         self._refuse_live()
         document, frame = self.document, self.document.clamped(frame)
         self._pull = self._begun(frame, "")
-        own, edit = document.run.session.pins.of(frame), NOTHING
+        own, edit = document.session.pins.of(frame), NOTHING
         left = () if which is None else tuple(p for n, p in enumerate(own) if n != which)
         if left and left != own:
             edit = self._led(self._pull, left, by_images)
@@ -205,7 +205,7 @@ class PosingService(Service):
         document = self.document
         model = document.model
         names = model.joint_names, model.skeleton.bone_names
-        held = document.run.session.pins.as_observed(pin for pin in pins if pin.is_on(*names))
+        held = document.session.pins.as_observed(pin for pin in pins if pin.is_on(*names))
         observed = replace(pull.observation, pins=held)
         params = model.params_within_limits(document.pose_at(pull.frame))
         is_observed = bool(
@@ -218,7 +218,7 @@ class PosingService(Service):
         return in_turn(pinning({pull.frame: pins}), posed)
 
     def _refuse_live(self) -> None:
-        if self.document.run.session.live is not None:
+        if self.document.session.live is not None:
             raise HandtrackError(
                 "Live images cannot be pinned. Record a session, and correct that."
             )
@@ -300,7 +300,7 @@ class LiveScore:
     @property
     def is_due(self) -> bool:
         """Whether there is a pose to score, and it may be done now."""
-        if self.since is None or self.document.run.session.live is not None:
+        if self.since is None or self.document.session.live is not None:
             return False
         at_hand = self._frame == self.document.frame
         rests_s = _FIRST_S if self._frame is None else _RESTS_S

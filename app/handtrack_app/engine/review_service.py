@@ -67,7 +67,7 @@ class ReviewService(Service):
             document.show(document.frame)
 
         self.opened.change(correct)
-        known = document.run.session.corrected
+        known = document.session.corrected
         figures = [f"{name} by {known[name]}" for name in cameras if on and name in known]
         done = f"Corrected: {'; '.join(figures)}" if on else "The calibration counts again"
         again = f"{done}. Frames tracked so far stay; track again to use it."
@@ -81,7 +81,7 @@ class ReviewService(Service):
         self.opened.render_thread.ask(
             "close",
             partial(
-                close_pictures, self.opened.pictures, document.run.session, document.model, results
+                close_pictures, self.opened.pictures, document.session, document.model, results
             ),
         )
 

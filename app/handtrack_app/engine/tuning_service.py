@@ -106,7 +106,7 @@ class TuningService(Service):
         """
         document, run = self.document, self.document.run
         change()
-        if document.run is run or not self._refits or document.run.session.live is not None:
+        if document.run is run or not self._refits or document.session.live is not None:
             return
         document.refuse_to_fit(document.frame)
         order = _Order(document.run, document.frame, document.shown.copy(), self.store.tag)
@@ -137,7 +137,7 @@ class TuningService(Service):
         here = (order.run, order.frame) == (document.run, document.frame)
         if result is None or not here or not np.array_equal(order.stood, document.shown):
             return
-        pinned = bool(document.run.session.pins.of(order.frame))  # they were among what was fitted
+        pinned = bool(document.session.pins.of(order.frame))  # they were among what was fitted
         values = document.model.joint_params(result)
         edit = set_pose(document, order.frame, values, refitted=True, pinned=pinned)
         self.opened.edit(order.frame, edit, "Fit", order.tag, True)

@@ -121,7 +121,7 @@ class Help(Part):
 
     def watch(self) -> None:
         """Go on where a step of the tour was done."""
-        for client in self.page.clients.values():
+        for client in self.page.clients:
             if (tour := client.tour) is not None and self.marks[tour[1]]() != tour[2]:
                 self._step(client, tour[1] + 1)
 

@@ -237,7 +237,7 @@ class PageLayout:
 
     def _unfold(self, notice: Notice) -> None:
         """Show the panel where it is hidden: an error is read there."""
-        for client in self.page.clients.values() if notice.level == "error" else ():
+        for client in self.page.clients if notice.level == "error" else ():
             if client.taste.folded:
                 self.room.fold(client)
 

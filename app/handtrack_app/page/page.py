@@ -276,16 +276,21 @@ class Page:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     @property
-    def clients(self) -> dict[int, Client]:
-        """The pages in browsers that are there now, by number."""
+    def by_number(self) -> dict[int, Client]:
+        """The pages in browsers that are there now."""
         with self._lock:
             here, known = self.server.get_clients(), self._clients
             self._clients = {n: known.get(n) or Client(one) for n, one in here.items()}
             return self._clients
 
+    @property
+    def clients(self) -> list[Client]:
+        """The same, in the order in which they came."""
+        return list(self.by_number.values())
+
     def client(self, handle: viser.ClientHandle) -> Client:
         """Return one of them; of one that has left, what nobody sees."""
-        return self.clients.get(handle.client_id) or Client(handle)
+        return self.by_number.get(handle.client_id) or Client(handle)
 
     def greet(self, act: Callable[[Client], None]) -> None:
         """Call back with each page that comes."""
@@ -385,7 +390,7 @@ class Page:
         """Add to the messages; of what is done, show a notification for a while, on one client or on all. All else stands in the panel."""
         for hear in self.heard:
             hear(Notice(level, title, text))
-        clients = [client] if client is not None else self.clients.values()
+        clients = [client] if client is not None else self.clients
         for one in clients if level == DONE else ():
             one.handle.add_notification(title, text, color="teal", auto_close_seconds=8.0)
 
@@ -397,7 +402,7 @@ class Page:
         """Let each page have a value of its own for a widget; `action` gets it."""
 
         def call(client_id: int, value: object) -> None:
-            if (client := self.clients.get(client_id)) is not None:
+            if (client := self.by_number.get(client_id)) is not None:
                 internals.submit(self.gui, self._tried, client, partial(action, client, str(value)))
 
         self.own_widgets[internals.id_of(widget)] = call

@@ -37,14 +37,14 @@ def folder(tmp_path):
 
 def test_a_corrected_camera_stays_corrected_for_whoever_opens_the_session(folder):
     store = opened_recording(folder)
-    calibrated = store.document.run.session.view(NAME)
+    calibrated = store.document.session.view(NAME)
     error = CameraError(NAME, (0.0, 1.5, 0.0), (4.0, 0.0, 0.0), 0.5, LATE, (0.1,) * 9)
     _refined(store, error)
     store.do("Correction", edits.corrected_cameras(store.document, [NAME]))
     with pytest.raises(HandtrackError, match=NAME):
         edits.corrected_cameras(store.document, [NAME])
     store.close()
-    for session in (Session.open(folder), opened_recording(folder).document.run.session):
+    for session in (Session.open(folder), opened_recording(folder).document.session):
         view = session.view(NAME)
         expected = error.corrected(calibrated.camera)
         assert_allclose(view.camera.rotation, expected.rotation)
@@ -68,7 +68,7 @@ def test_a_later_estimate_adds_to_a_correction_that_another_calibration_ends(fol
     for _ in range(2):
         _refined(store, error)
         store.do("Correction", edits.corrected_cameras(store.document, [NAME]))
-    known = store.document.run.session.corrections[NAME].error
+    known = store.document.session.corrections[NAME].error
     assert known.turn_deg == pytest.approx((0.0, 3.0, 0.0), abs=1e-3) and known.shift_mm[0] == 8.0
     _refined(store, replace(error, turn_deg=(0.0, 0.1, 0.0), shift_mm=(0.1, 0.0, 0.0)))
     assert not store.document.camera_errors, "too little to be sure"

@@ -72,7 +72,7 @@ def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
     studio.listener.wait(snapshots.LiveSnapshot, lambda s: s.recording == str(new))
     studio.worker.engine.track_live()
     eventually(lambda: studio.worker.busy)
-    feed = studio.worker.document.run.session.live
+    feed = studio.worker.document.session.live
     for count, x in enumerate((10, 14, 18), 1):
         studio.show(x)
         eventually(lambda count=count: feed.counts["cam0"]["used"] >= count)

@@ -34,7 +34,7 @@ def stroke(worker, frame=0, brush="hand"):
 
 
 def held(worker):
-    return worker.document.run.session.view("cam0").corrections.frames
+    return worker.document.session.view("cam0").corrections.frames
 
 
 def file_of(folder, frame=0):
@@ -101,7 +101,7 @@ def test_a_stroke_becomes_a_file_and_is_undone(cloudy_desk, tmp_path):
         snapshots.MaskPicture, lambda p: p.corrected["cam0"].startswith("corrected here; 1")
     )
     eventually(lambda: file_of(folder).is_file())
-    for session in (worker.document.run.session, Session.open(folder)):  # tracking sees it, too
+    for session in (worker.document.session, Session.open(folder)):  # tracking sees it, too
         seen = session.observation(0).silhouettes[0]
         assert (seen.mask[40, 15], seen.mask[30, 15], seen.mask[Y, X]) == (1, 0, 1)
     stroke(worker, brush="as it is")
@@ -140,7 +140,7 @@ def test_what_was_painted_comes_back_and_a_file_from_elsewhere_counts_and_is_kep
     for frame in (0, 1):  # over ours, and where we have none
         file_of(folder, frame).write_bytes(theirs)
     again, _ = working(folder)
-    corrections = again.document.run.session.view("cam0").corrections
+    corrections = again.document.session.view("cam0").corrections
     for frame in (0, 1):
         assert corrections.content(frame) == theirs
         stroke(again, frame)
@@ -161,7 +161,7 @@ def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path):
     worker.engine.paint_mask(5, "cam0", "hand", ((5.0, 5.0),), 4.0, "2")
     worker.engine.carry_masks(2, "", 20, 20)
     eventually(lambda: file_of(folder, 4).is_file())
-    corrections = worker.document.run.session.view("cam0").corrections
+    corrections = worker.document.session.view("cam0").corrections
     eventually(lambda: corrections.frames == [0, 1, 2, 3, 4, 5])
     layer, own = corrections.layer(4), corrections.layer(2)
     assert ((layer == 0) == (own == 0)).mean() > 0.98

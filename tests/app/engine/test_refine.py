@@ -138,7 +138,7 @@ def _pull(worker, listener, version, by=(0.0, -0.02, 0.01), frame=3):
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == frame)
     target = _tip(pose, worker.document) + by
     for n, camera in enumerate(("front", "side")):
-        view = worker.document.run.session.rig[camera].without_distortion()
+        view = worker.document.session.rig[camera].without_distortion()
         pixel = tuple(map(float, view.project(target)))
         worker.engine.set_pin(
             frame, camera, pixel, version + n, Hold("index_tip"), tag=f"drag {version}"
@@ -177,7 +177,7 @@ def test_what_is_no_pin_is_refused_in_words(worker, listener):
         worker.engine.set_pin(3, camera, pixel, version, Hold(joint))
         eventually(lambda n=version: len(_errors(listener)) == n)
     assert not any("internal" in text.lower() for text in _errors(listener))
-    assert worker.document.run.session.pins.frames == []
+    assert worker.document.session.pins.frames == []
 
 
 def _errors(listener):
@@ -210,7 +210,7 @@ def test_pins_come_back_with_the_session_unless_their_file_was_changed_elsewhere
     rows = json.loads(path.read_text())["pins"]
     assert [(row["frame"], row["joint"]) for row in rows] == [(3, "index_tip")] * 2
     again = opened(tmp_path)
-    for back, pin in zip(again.document.run.session.pins.of(3), pulled.pins, strict=True):
+    for back, pin in zip(again.document.session.pins.of(3), pulled.pins, strict=True):
         assert_allclose(back.pixel, pin.pixel, atol=2e-3)
     assert again.document.decided_pose(3).pinned
     again.undo()
@@ -219,5 +219,5 @@ def test_pins_come_back_with_the_session_unless_their_file_was_changed_elsewhere
     other = {"frame": 6, "camera": "side", "joint": "wrist", "pixel": [40.0, 30.0]}
     path.write_text(json.dumps({"format": 1, "pins": [other]}))
     elsewhere = opened(tmp_path)
-    assert elsewhere.document.run.session.pins.frames == [6]
+    assert elsewhere.document.session.pins.frames == [6]
     assert 3 not in elsewhere.document.state.pins

@@ -100,8 +100,8 @@ def corrected(folder):
     engine.set_pose(2, tuple(pose), 1)
     bones = model.bones(model.transform.solver_params(document.results[3].parameters))
     tip = model.joint_positions(bones)[model.joint_names.index("middle_tip")]
-    camera = document.run.session.rig.cameras[0]
+    camera = document.session.rig.cameras[0]
     column, row = camera.project(tip[None])[0]
     engine.set_pin(3, camera.name, (column + 3.0, row), 2, Hold("middle_tip"))
-    eventually(lambda: document.run.session.pins.of(3))
+    eventually(lambda: document.session.pins.of(3))
     worker.stop()

@@ -84,7 +84,7 @@ window.cancelAnimationFrame = clearTimeout;"""
 
 def stands(bench):
     """Return whether the first page stands in the camera that it looks through: it turns with the next frame that it draws."""
-    (client,) = bench.page.clients.values()
+    (client,) = bench.page.clients
     view, camera = client.view, client.handle.camera
     if view is None or abs(camera.fov - view.eye.fov) > 1e-6:
         return False
@@ -319,7 +319,7 @@ def _shows_what_matters_whole_until_it_is_put_away(bench, view):
     bench.layout.messages.see_pose(False)  # as where there is no first pose
     notify("guide", "What to do first", "Press the button that finds the hand.")
     notify("warning", "Frame 3 fits, with low confidence", "Frame 4 as well.")
-    (client,) = bench.page.clients.values()
+    (client,) = bench.page.clients
     tab = page.get_by_role("tab", name="Review", exact=True)
     bench.layout.room.fold(client)
     eventually(lambda: not tab.is_visible())
@@ -372,7 +372,7 @@ def hand_in_page(bench, view):
 
 
 def _picture_and_model_are_drawn_as_one_however_large(bench, view):
-    (client,) = bench.page.clients.values()
+    (client,) = bench.page.clients
     looking, scene = bench.stage.looking, bench.server.scene
     looking.set_paint(client, "plain")
     view.page.keyboard.press("0")

@@ -46,20 +46,20 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
         eventually(lambda: brushes.brush.value == "not hand")
         with WireClient(bench.url):
             eventually(lambda: len(bench.page.clients) == 2)
-            painter, other = bench.page.clients.values()
+            painter, other = bench.page.clients
             bench.stage.look("cam1", other)
             assert bench.stage.marking, "its look is its own"
         view.press("Done painting")
         eventually(lambda: painter.modal is None, "letters mean what they did")
         eventually(lambda: not bench.stage.marking)
         bench.page.travel(back=True)
-        corrections = bench.worker.document.run.session.view("cam0").corrections  # type: ignore[union-attr]
+        corrections = bench.worker.document.session.view("cam0").corrections  # type: ignore[union-attr]
         eventually(lambda: not corrections.frames)
 
 
 def _reach_is_off(bench, wanted):
     """Return how far what is painted as hand reaches elsewhere than wanted: left, right, top, bottom [px]."""
-    view = bench.worker.document.run.session.view("cam0")  # type: ignore[union-attr]
+    view = bench.worker.document.session.view("cam0")  # type: ignore[union-attr]
     layer = view.corrections.layer(0)
     rows, columns = np.nonzero(layer == 255) if layer is not None else (np.zeros(0), np.zeros(0))
     if not len(rows):

@@ -116,7 +116,7 @@ def test_the_switch_refits_the_frame_that_is_shown(bench, monkeypatch, page):
 def shown(tmp_path):
     document = fake_document(tmp_path)
     session, pose = session_snapshot(document), pose_snapshot(document)
-    return session, pose, document.run.session.rig["front"].without_distortion()
+    return session, pose, document.session.rig["front"].without_distortion()
 
 
 def _ellipsoid(session, bone):

@@ -169,7 +169,7 @@ def test_a_close_picture_shows_the_hand_whole_and_large_with_its_outline(bench):
     flesh = model.ellipsoids["fine"].posed(
         model.bones(model.transform.solver_params(document.start))
     )
-    camera = document.run.session.rig["front"]
+    camera = document.session.rig["front"]
     picture = close_up(np.full((72, 96, 3), 90, np.uint8), camera, flesh)
     yellow = (picture[..., 0] > 200) & (picture[..., 2] < 90)
     rows, columns = np.nonzero(yellow)

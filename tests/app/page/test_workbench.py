@@ -30,7 +30,7 @@ def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench)
     posed = document.model.ellipsoids["fine"].posed(bones)
     turned = matrix_from_quaternion(np.array(stage.hand.ellipsoids.batched_wxyzs, float))
     assert_allclose(turned, posed.rotation, atol=1e-6)
-    for camera in document.run.session.rig.cameras:
+    for camera in document.session.rig.cameras:
         drawn = stage.cameras.frusta[camera.name]
         turned = matrix_from_quaternion(np.array(drawn.wxyz))
         assert_allclose(turned, camera.rotation.T, atol=1e-6)

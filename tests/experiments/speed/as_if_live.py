@@ -72,7 +72,7 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
     worker.engine.track_live()
     idle.wait(600.0)  # the files' end ends tracking
     spent_s = time.process_time() - began_s
-    feed = worker.document.run.session.live
+    feed = worker.document.session.live
     assert feed is not None
     counts, results = list(feed.counts.values()), list(worker.document.results.values())
     taken = {frame: feed.time_s(frame) for _, frame in shown}

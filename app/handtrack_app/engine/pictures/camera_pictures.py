@@ -320,7 +320,7 @@ class Painter:
     ) -> None:
         """waiting: the commands that wait; painting gives way to them."""
         self._document, self._publish, self._waiting = document, publish, waiting
-        self._maker = CameraPictures(document.run.session)
+        self._maker = CameraPictures(document.session)
         self._thumbnails, self._paint = True, "plain"
         self._screens: tuple[tuple[str, str], ...] = ()
         self._painted = 0.0
@@ -363,7 +363,7 @@ class Painter:
     def _pictures(self) -> Iterator[PictureSnapshot | None]:
         """Yield the large pictures, and all of them at last; None in between, where painting may end."""
         document, maker = self._document, self._maker
-        session, frame = document.run.session, document.frame
+        session, frame = document.session, document.frame
         maker.session = session
         bones = document.model.bones_within_limits(document.displayed)
         ellipsoids = document.model.ellipsoids["fine"].posed(bones)
@@ -395,7 +395,7 @@ class Painter:
         """Return where a detector saw a camera's joints and where the model has them [px], of those that both have."""
         document = self._document
         model, sigma_px = document.model, document.run.settings.keypoints.detected_px
-        observed = document.run.session.view(camera).keypoints(frame, sigma_px)
+        observed = document.session.view(camera).keypoints(frame, sigma_px)
         places = model.joint_positions(bones)
         pairs = [joint_pairs(joints, model.joint_names, places) for joints in observed]
         return np.concatenate([np.zeros((0, 2, 2)), *pairs])

@@ -245,7 +245,7 @@ class CloudService(PreviewService):
     @property
     def _wants_cloud(self) -> bool:
         shown = self._wanted.points or self._wanted.picture == "images"
-        return shown and self.document.run.session.has_clouds
+        return shown and self.document.session.has_clouds
 
     @property
     def is_wanted(self) -> bool:
@@ -306,7 +306,7 @@ def skin_in_force(
     """Return the settings of [clouds] with the skin's colour from a box of a frame's image or from painted masks, and a sentence
     about it. Raises HandtrackError.
     """
-    session, size = document.run.session, max(float(size), 0.1)
+    session, size = document.session, max(float(size), 0.1)
     if box is None:
         patches = painted_skin(session)
         source = f"{len(patches)} painted image{'' if len(patches) == 1 else 's'}"

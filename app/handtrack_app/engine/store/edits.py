@@ -115,7 +115,7 @@ def clouds(settings: CloudSettings) -> Edit:
 
 def corrected_cameras(document: Document, cameras: Sequence[str]) -> Edit:
     """Correct cameras by what the estimate of the whole recording found of them. Raises HandtrackError."""
-    known, earlier = document.camera_errors, document.run.session.corrections
+    known, earlier = document.camera_errors, document.session.corrections
     corrections = dict[str, CameraCorrection]()
     for camera in cameras:
         if camera not in known:

@@ -164,9 +164,9 @@ class Persistence:
         """Return the store of a session; one that cannot be written to, or that another program writes to, works, with a
         warning. A live one keeps nothing. take_over: even from another program, which can write no more.
         """
-        if document.run.session.live is not None:
+        if document.session.live is not None:
             return cls(document, None)
-        folder = document.run.session.folder / TRACKS_FOLDER
+        folder = document.session.folder / TRACKS_FOLDER
         try:
             store = WritableStore(folder, PROGRAM, take_over)
         except (HandtrackError, OSError) as error:
@@ -182,7 +182,7 @@ class Persistence:
 
     @property
     def folder(self) -> Path:
-        return self.document.run.session.folder
+        return self.document.session.folder
 
     def check(self) -> None:
         """Raise HandtrackError where nothing may be written, with the reason."""
@@ -302,7 +302,7 @@ class Persistence:
 
     def _write_files(self, after: Mapping[Key, Any]) -> None:
         """Write what an action changed of corrections and pins, before the action itself."""
-        session = self.document.run.session
+        session = self.document.session
         for (kind, at), value in after.items():
             if kind == "correction":
                 place, content = correction_of(session, at, value)
@@ -315,7 +315,7 @@ class Persistence:
         """Yield edits by what files of corrections say otherwise than the state, which was written after them."""
         for at, correction in self.document.state.correction.items():
             with suppress(HandtrackError):  # what cannot be is told where the state is applied
-                place, content = correction_of(self.document.run.session, at, correction)
+                place, content = correction_of(self.document.session, at, correction)
                 path = place.path(at[1])
                 stands = path.read_bytes() if path.is_file() else None
                 if stands == content:
@@ -433,16 +433,16 @@ class Persistence:
     def restore(self) -> str:
         """Bring back what was decided and tracked; say what, in a sentence."""
         document = self.document
-        if document.run.session.live is not None:
+        if document.session.live is not None:
             return ""
         document.takes = TakeCache(self.folder / TRACKS_FOLDER, self._warn)
-        pins = document.run.session.pins
+        pins = document.session.pins
         in_file, pinned = pins.text, {frame: pins.of(frame) for frame in pins.frames}
         state = readable(self.history.state, self._pass_over)
         is_known = bool(self.history.state)
         self._become(state)
         self._take_files()
-        changed, pins = [*self._corrected_elsewhere()], document.run.session.pins
+        changed, pins = [*self._corrected_elsewhere()], document.session.pins
         if pins.text != in_file:  # it was changed after the state was written
             changed.append(
                 pinning({frame: pinned.get(frame, ()) for frame in {*pinned, *pins.frames}})
@@ -452,7 +452,7 @@ class Persistence:
         self._take_model_of_track()
         self._take_size_of_track()
         disk = self.store or Store(self.folder / TRACKS_FOLDER)
-        for text in foreign_takes(disk, document.run.session, document.files_read()):
+        for text in foreign_takes(disk, document.session, document.files_read()):
             self._warn(text)
         return restored_message(document) if is_known else ""
 
@@ -537,7 +537,7 @@ def whole_track(document: Document) -> TrackResult:
 
 def show_track_file(document: Document) -> None:
     """Show the track file of a session's folder, the person it was tracked with, as a take that is not on disk; nothing where there is none."""
-    path = document.run.session.folder / POSES_FILE
+    path = document.session.folder / POSES_FILE
     if not path.is_file():
         return
     try:
@@ -571,7 +571,7 @@ def export_beside(
         publish(Download(name, data, client_id))
         return None
     chosen = export_format(kind)
-    table = ResultsTable(whole_track(document), "this track", document.run.session.folder)
+    table = ResultsTable(whole_track(document), "this track", document.session.folder)
 
     def work() -> None:
         try:
@@ -609,5 +609,5 @@ def first_pose_file(document: Document) -> tuple[str, bytes]:
 
 def file_stem(document: Document) -> str:
     """Return the session's name as files may have it."""
-    name = document.run.session.name
+    name = document.session.name
     return "".join(c if c.isalnum() else "_" for c in name).strip("_") or "session"

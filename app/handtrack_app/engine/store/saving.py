@@ -68,7 +68,7 @@ def save(store: Persistence, kind: FileKind) -> str:
         return "session.toml has these settings already."
     if kind == "masks":
         what, changes = "Masks", dict[str, object]()
-        for number, camera in enumerate(document.run.session.file.cameras):
+        for number, camera in enumerate(document.session.file.cameras):
             if (name := camera.name) in unsaved:
                 saved = document.saved.masks[name]
                 changes |= _mask_changes(f"camera.{number}", now.masks[name], saved)

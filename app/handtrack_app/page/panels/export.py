@@ -47,7 +47,7 @@ class ExportPanel(Panel):
 
     def deliver(self, download: Download) -> None:
         """Send a file to the client that asked for it."""
-        if (client := self.page.clients.get(download.client_id)) is not None:
+        if (client := self.page.by_number.get(download.client_id)) is not None:
             self.delivered += 1
             client.handle.send_file_download(download.name, download.data, save_immediately=True)
             size = len(download.data) / 1024

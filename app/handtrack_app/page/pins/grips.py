@@ -70,7 +70,7 @@ class Grips:
 
     def let_go(self) -> None:
         """The model is another."""
-        for client in self._page.clients.values():
+        for client in self._page.clients:
             _let_go(client)
 
     def show(self, pose: PoseSnapshot) -> None:
@@ -88,7 +88,7 @@ class Grips:
         places = np.concatenate([pose.centre, pose.joints]).astype(np.float32)
         turns = unturned(len(places))
         turns[: len(pose.centre)] = quaternion_wxyz(pose.rotation)
-        for client in self._page.clients.values():
+        for client in self._page.clients:
             with client.lock:  # a redraw comes by any thread of viser
                 free = _FREE_GRIP if self.freely else None
                 name = free if self._card_of(client) is None else _GRIP

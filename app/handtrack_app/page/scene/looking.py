@@ -79,7 +79,7 @@ class Looking:
     @property
     def anyone(self) -> bool:
         """Whether a page looks through a camera."""
-        return any(map(self.card, self._page.clients.values()))
+        return any(map(self.card, self._page.clients))
 
     def card(self, client: Client) -> Camera | None:
         """Return the camera that a page looks through."""
@@ -118,7 +118,7 @@ class Looking:
 
     def pictures(self, field: bool) -> tuple[Picture, ...]:
         """Return the pictures that the pages show. field: the model's field in place of what is painted else."""
-        clients = self._page.clients.values()
+        clients = self._page.clients
         chosen = [_picture(one, field) for one in clients]
         if any(one.through == ALL for one in clients):
             chosen += [(camera, CLOSE) for camera in self._cards]
@@ -136,7 +136,7 @@ class Looking:
     def draw_close_ups(self) -> None:
         """Show all cameras' pictures, with their names, to those who see them."""
         named = {self._names.of(camera): one for camera, one in self._close.items()}
-        for client in self._page.clients.values():
+        for client in self._page.clients:
             if (opened := client.close_ups) is not None:
                 put(opened[1], content=pictures(named, "handtrack-picture"))
 
@@ -153,7 +153,7 @@ class Looking:
 
     def place(self, field: bool, hand: Floats[D3], larger: float) -> None:
         """Stand the screens behind the hand at `hand` [m]. field: as for `pictures`; larger: than a hand."""
-        for client in self._page.clients.values():
+        for client in self._page.clients:
             with client.lock:
                 screen, picture = client.screen, _picture(client, field)
                 if screen is None:
@@ -221,7 +221,7 @@ class Looking:
 
     @property
     def _screens(self) -> list[Screen]:
-        clients = self._page.clients.values()
+        clients = self._page.clients
         return [one.screen for one in clients if one.screen is not None]
 
     def clear_late(self, moments: Moments) -> None:
@@ -365,7 +365,7 @@ class Views:
     def show_hand(self, points: Floats[N, D3], radii: Floats[N]) -> None:
         """Take where the hand is: balls, world [m]. Views that follow it turn where it would be cut off."""
         self._hand = points, radii
-        for client in self._page.clients.values():
+        for client in self._page.clients:
             with client.lock:
                 view = client.view
                 if view is None or view.left or not view.follows:

@@ -115,7 +115,7 @@ class Stage:
     @property
     def marking(self) -> bool:
         """Whether somebody drags a box over an image or paints it: nothing stands before it."""
-        return any(one.box or one.pointed for one in self.page.clients.values())
+        return any(one.box or one.pointed for one in self.page.clients)
 
     @property
     def display(self) -> Display:
@@ -253,7 +253,7 @@ class Stage:
         """Look at a hand that was found somewhere (3,) [m]."""
         self.cameras.size(hand)
         view = hand_view(self.session, hand)
-        for client in self.page.clients.values():
+        for client in self.page.clients:
             self.looking.views.look_freely(client, view)
 
     def show_cloud(self, cloud: CloudSnapshot) -> None:
@@ -274,7 +274,7 @@ class Stage:
         """Let a page look through a camera, or freely (None) at the hand or at everything, or at what `ALL` cameras see."""
         self._end_mark(client)
         self.looking.hush(client)
-        if not any(one.pointed for one in self.page.clients.values()):
+        if not any(one.pointed for one in self.page.clients):
             self.stopped_painting()
         self.looking.set_through(client, camera)
         if camera is None:
