@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
+from handtrack.arrays import Floats, Ints, N
 from handtrack.capture.masks.segmentation import METHODS
 from handtrack.diagnostics.review import ReviewInterval, intervals_to_review
 from handtrack.model.articulated import ArticulatedModel
@@ -197,10 +198,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     rows = document.rows
     rows.follow(document)
     rows.changed.clear()
-    lanes = {word: row.copy() for word, row in rows.lanes.items() if _is_meaningful(document, word)}
-    for frame in document.by_hand if document.session.truth is not None else ():
-        error = lanes.setdefault(ERROR, np.full(len(rows.frames), np.nan))
-        error[frame - rows.frames.start] = _given_error_mm(document, frame)
+    lanes = _lanes(document, np.arange(len(rows.frames)))
     hand = tuple(sorted(document.by_hand))
     searched = tuple(frame for frame in hand if document.decided_pose(frame).found)
     return TimelineSnapshot(
@@ -214,24 +212,31 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
 
 def timeline_change(document: Document) -> TimelineChange:
     """Return what is new of status, energy and error since the last look: its cost does not grow with the recording."""
-    rows, start = document.rows, document.frames.start
+    rows = document.rows
     rows.follow(document)
     row = np.array(sorted(rows.changed), np.int64)
     rows.changed.clear()
+    return TimelineChange(document.frames, row, rows.status[row], _lanes(document, row))
+
+
+def _lanes(document: Document, row: Ints[N]) -> dict[str, Floats[N]]:
+    """Return what is known of some rows, with the errors of poses that were given."""
+    model, start = document.model, document.frames.start
+    # that a joint is 25 mm off is much for a hand, and usual for a body
     lanes = {
-        word: values[row] for word, values in rows.lanes.items() if _is_meaningful(document, word)
+        word: values[row]
+        for word, values in document.rows.lanes.items()
+        if word != PROBABILITY or model.kind == "hand"
     }
-    for n, frame in enumerate((row + start).tolist()):
-        if frame in document.by_hand and ERROR in lanes:
-            lanes[ERROR][n] = _given_error_mm(document, frame)
-    return TimelineChange(document.frames, row, rows.status[row], lanes)
+    given = document.by_hand if document.session.truth is not None else {}
+    for n in np.flatnonzero(np.isin(row + start, [*given])).tolist():
+        frame = start + int(row[n])
+        error = lanes.setdefault(ERROR, np.full(len(row), np.nan))
+        error[n] = document.error_mm(frame, model.bones_within_limits(given[frame]))
+    return lanes
 
 
 # ---- facts of a frame
-
-
-def _given_error_mm(document: Document, frame: int) -> float:
-    return document.error_mm(frame, document.model.bones_within_limits(document.by_hand[frame]))
 
 
 def _note(result: FrameResult) -> str:
@@ -259,11 +264,6 @@ def part_cards(model: ArticulatedModel) -> tuple[PartCard, ...]:
     vertices = np.split(mesh.local, len(parts))
     faces = mesh.faces[: len(mesh.faces) // len(parts)]
     return tuple(PartCard(int(b), v, faces) for b, v in zip(parts.bone, vertices, strict=True))
-
-
-def _is_meaningful(document: Document, lane: str) -> bool:
-    """Whether a lane says something of the model: that a joint is 25 mm off is much for a hand, and usual for a body."""
-    return lane != PROBABILITY or document.model.kind == "hand"
 
 
 _MOST = 500  # of the queue: nobody looks at more in one go, and what is told does not grow with the recording

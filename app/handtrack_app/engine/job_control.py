@@ -39,12 +39,7 @@ from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine import jobs
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.document_snapshots import (
-    pose_snapshot,
-    session_snapshot,
-    timeline_change,
-    timeline_snapshot,
-)
+from handtrack_app.engine.document_snapshots import timeline_change
 from handtrack_app.engine.jobs import (
     BackgroundJob,
     JobEnded,
@@ -383,9 +378,8 @@ class JobControl:
             params = document.model.params_within_limits(document.shown)
             arm = edits.arm(document, document.run.with_arm_in_view(document.frame, params).arm_m)
         if self._store.do("Forearm in view", arm, kind=NOTE):
-            self._publish(session_snapshot(document))
-            self._publish(pose_snapshot(document))
-            self._publish(timeline_snapshot(document))
+            self._opened.show_session()
+            self._opened.show_all()
 
     def _prepare(self) -> None:
         """Write what was edited, before a job. Raises HandtrackError where none can begin."""
@@ -463,7 +457,7 @@ class JobControl:
         if self._follows_now():
             self._document.show(result.frame)
             self._document.shown = result.parameters
-            self._publish(pose_snapshot(self._document))
+            self._opened.show_pose()
 
     def _follows_now(self) -> bool:
         """Whether a pose is to be shown as it comes: now and then, if that is wanted."""
@@ -481,7 +475,7 @@ class JobControl:
             self._live.note(result)
         if self._follows_now():
             document.show(result.frame)
-            self._publish(pose_snapshot(document))
+            self._opened.show_pose()
         if now - self._stripped > _STRIP_EVERY_S:
             self._stripped = now
             self._publish(timeline_change(document))
@@ -506,8 +500,8 @@ class JobControl:
         document = self._document
         is_arm = is_again and run.arm_m != document.run.arm_m
         self._store.do("Size", in_turn(edits.size(run.scale), edits.arm(document, run.arm_m)))
-        self._publish(session_snapshot(document))
-        self._publish(pose_snapshot(document))
+        self._opened.show_session()
+        self._opened.show_pose()
         words = _OTHER_ARM if is_arm else size_words(document.run)
         self._publish(Notice("done", "Tracking again" if is_arm else "Size fitted", words))
 
@@ -516,7 +510,7 @@ class JobControl:
             self.guesses.keep(candidates)
             self._document.show(candidates[0].frame)
             snapshot = self.guesses.snapshot(is_new=True)
-            self._publish(pose_snapshot(self._document))
+            self._opened.show_pose()
             if snapshot is not None:
                 self._publish(snapshot)
         self._publish(search_notice(candidates, self._document.model.kind))
@@ -525,8 +519,7 @@ class JobControl:
         self._job = None
         document = self._document
         document.show(document.frame)
-        self._publish(pose_snapshot(document))
-        self._publish(timeline_snapshot(document))
+        self._opened.show_all()
         if job.kind == "tracking" or self._moves:
             self._store.end_take(finished=not (end.cancelled or end.problem))
         said = self._end_words(job, end)

@@ -108,7 +108,7 @@ class OpenSession:
         """Show the session and its first pose, and say what is to be known of it."""
         document, notify = self.document, self._notify
         self._publish_work()
-        self._show_session()
+        self.show_session()
         document.show(document.first_frame)
         self.show_all()
         if self._restored:
@@ -195,7 +195,7 @@ class OpenSession:
         self.jobs.require_idle()
         changed = self.store.do(words, edit)
         if changed:
-            self._show_session()
+            self.show_session()
             self.document.show(self.document.frame)
             self.show_all()
         return changed
@@ -269,7 +269,7 @@ class OpenSession:
         model = self.document.model
         self.edit(frame, taken, "Detected pose")
         if self.document.model is not model:
-            self._show_session()
+            self.show_session()
             self.show_all()
 
     def _pose_warning(self) -> str:
@@ -305,7 +305,7 @@ class OpenSession:
         self.document.show(min(frames, default=self.document.frame))
         self._notify("done", f"{done}: {action.words[:1].lower()}{action.words[1:]}", "")
         if len(frames) < len(changed):
-            self._show_session()
+            self.show_session()
             self._tuning.publish_notes(known)
         self.show_all()
 
@@ -319,7 +319,7 @@ class OpenSession:
             self._tuning.followed(change)
         finally:
             if not is_stroke or observed_kinds(document.session) != known:
-                self._show_session()
+                self.show_session()
             (self.show_pose if is_stroke else self.show_all)()
 
     def _notify_warnings(self, *more: str) -> None:
@@ -387,7 +387,8 @@ class OpenSession:
                 if shown.is_wanted:
                     shown.show(hurried=self.jobs.busy)
 
-    def _show_session(self) -> None:
+    def show_session(self) -> None:
+        """Publish what is open."""
         self.publish(session_snapshot(self.document))
 
     def show_pose(self, is_played: bool = False) -> None:
@@ -452,7 +453,7 @@ class OpenSession:
         document, self._counted = self.document, True
         if document.see_frames():
             document.show(document.frame)
-            self._show_session()
+            self.show_session()
             self.show_all()
         self._notify_warnings()
         if document.first_frame not in document.frames:

@@ -384,7 +384,7 @@ def _picture_and_model_are_drawn_as_one_however_large(bench, view):
     view.page.set_viewport_size({"width": 900, "height": 1000})
     times = 12.0
     zoom = Zoom((SPOT[0] + 3 / times, SPOT[1] - 2 / times), times)
-    looking.views._change(client, lambda _: zoom)
+    looking._change(client, lambda _: zoom)
     radius = 0.36 / looks.card.matrix[0, 0] * 0.9 / times
     place = looks.card.centre + 0.36 * looks.card.rays(np.array(SPOT))
 

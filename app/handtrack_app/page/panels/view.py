@@ -285,7 +285,7 @@ class ZoomKeys(Part):
 
     def build(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
-        views, phrase = self.looking.views, self.page.phrase
+        views, phrase = self.looking, self.page.phrase
         views.changed = self._notify
         acts: dict[str, Callable[[Client], None]] = {}
         for label, key, words, act in (

@@ -18,8 +18,6 @@ from handtrack_app.page.scene.zoom import Eye, ray_pixel
 from handtrack_app.protocol.palette import residual_colours
 from handtrack_app.protocol.snapshots import (
     CloudSnapshot,
-    PoseSnapshot,
-    ScoreSnapshot,
     SessionSnapshot,
 )
 
@@ -141,10 +139,10 @@ _PLAIN = (225, 228, 232)
 class CloudView:
     """The points and the snapshot that they are of."""
 
-    def __init__(self, server: viser.ViserServer, name: str) -> None:
+    def __init__(self, server: viser.ViserServer) -> None:
         """Add the points, hidden until the first ones come."""
         self.points = server.scene.add_point_cloud(
-            name, np.zeros((0, 3), np.float32), _PLAIN, point_shape="circle", precision="float32", point_shading="flat", visible=False,
+            "/cloud/points", np.zeros((0, 3), np.float32), _PLAIN, point_shape="circle", precision="float32", point_shading="flat", visible=False,
         )  # fmt: skip
         self.cloud: CloudSnapshot | None = None
         self._lock = threading.RLock()
@@ -179,22 +177,3 @@ def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes[N, D3]:
     if how == "residual" and np.isfinite(cloud.residual_mm).any():
         return residual_colours(cloud.residual_mm)
     return np.tile(np.array(_PLAIN, np.uint8), (len(cloud.points), 1))
-
-
-# ---- What stands beside each camera's small picture: its name, and how far the hand shown overlaps its mask
-
-
-@dataclass
-class CameraNames:
-    """The latest score, and the pose that is shown: a number stands only where it is of that pose."""
-
-    score: ScoreSnapshot | None = None
-    pose: PoseSnapshot | None = None
-
-    def of(self, camera: str) -> str:
-        """Return a camera's name, and its overlap where the pose shown is scored."""
-        score, pose = self.score, self.pose
-        if score is None or pose is None or not score.is_of(pose.frame, pose.values):
-            return camera
-        share = score.overlap.get(camera)
-        return camera if share is None else f"{camera}  {share:.2f}"

@@ -30,9 +30,7 @@ _STILL_M, _STILL_RAD = 1e-5, np.deg2rad(0.01)
 class RootHandle:
     """A transform control at the wrist."""
 
-    def __init__(
-        self, server: viser.ViserServer, name: str, on_edit: RootEdit, larger: float
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, on_edit: RootEdit, larger: float) -> None:
         """Add the control; `on_edit` receives what a drag of it does. larger: than a hand's."""
         self._on_edit = on_edit
         self._dragging, self._drags = False, 0
@@ -41,7 +39,7 @@ class RootHandle:
         self._words = ""
         """what the drag did so far"""
         self.control = server.scene.add_transform_controls(
-            name, scale=0.09 * larger, line_width=2.5, disable_sliders=True, depth_test=False, opacity=0.9, visible=False
+            "/root", scale=0.09 * larger, line_width=2.5, disable_sliders=True, depth_test=False, opacity=0.9, visible=False
         )  # fmt: skip
 
         # in order, on viser's loop: a little arithmetic, and sent on

@@ -19,7 +19,7 @@ from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import picture as as_html
 from handtrack_app.page.html import pictures
 from handtrack_app.page.page import Client, Page, put
-from handtrack_app.page.scene.camera_view import CameraNames, Moments
+from handtrack_app.page.scene.camera_view import Moments
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
 from handtrack_app.page.scene.zoom import (
     MOST,
@@ -67,10 +67,12 @@ class Screen:
 class Looking:
     """The pages' looks and screens; asked by the threads of viser and by the view thread."""
 
-    def __init__(self, page: Page, names: CameraNames, cards: dict[str, Camera]) -> None:
-        """cards: the session's cameras, as they are now."""
-        self._page, self._names, self._cards = page, names, cards
-        self.views = Views(page)
+    def __init__(self, page: Page, name_of: Callable[[str], str], cards: dict[str, Camera]) -> None:
+        """name_of: what stands beside a camera's picture; cards: the session's cameras, as they are now."""
+        self._page, self._name_of, self._cards = page, name_of, cards
+        self._hand: tuple[Floats[N, D3], Floats[N]] | None = None
+        self.changed: Callable[[Client], None] = lambda client: None
+        """told of every change of a page's camera view"""
         self._close: dict[str, str] = {}
         """close pictures by camera, as HTML"""
         self._close_of: int | None = None
@@ -100,10 +102,10 @@ class Looking:
                 client.close_ups[0].remove()
                 client.close_ups = None
             if card is None:
-                self.views.leave(client)
+                self.leave(client)
             else:
                 client.screen = client.screen or self._add_screen(client)
-                self.views.enter(client, card)
+                self.enter(client, card)
 
     def set_paint(self, client: Client, paint: str) -> None:
         """Paint something else over what a page sees through its camera."""
@@ -135,7 +137,7 @@ class Looking:
 
     def draw_close_ups(self) -> None:
         """Show all cameras' pictures, with their names, to those who see them."""
-        named = {self._names.of(camera): one for camera, one in self._close.items()}
+        named = {self._name_of(camera): one for camera, one in self._close.items()}
         for client in self._page.clients:
             if (opened := client.close_ups) is not None:
                 put(opened[1], content=pictures(named, "handtrack-picture"))
@@ -148,7 +150,7 @@ class Looking:
         )  # fmt: skip
         image.on_drag("left")(partial(self._dragged_left, client))
         image.on_drag("right")(partial(self._dragged, client))
-        client.handle.camera.on_update(partial(self.views.moved, client))
+        client.handle.camera.on_update(partial(self.moved, client))
         return Screen(image)
 
     def place(self, field: bool, hand: Floats[D3], larger: float) -> None:
@@ -197,7 +199,7 @@ class Looking:
         if (card := self.card(client)) is not None:
             pixel = ray_pixel(card, np.asarray(event.start_position) - card.centre)
             if pixel is not None:
-                self.views.drag(client, pixel, event.end_screen_pos)
+                self.drag(client, pixel, event.end_screen_pos)
 
     def _report(self, client: Client, through: Floats[D3], phase: str) -> None:
         screen, card, pointed = client.screen, self.card(client), client.pointed
@@ -233,100 +235,7 @@ class Looking:
             if screen.image.visible and not moments.fits(screen.frame):
                 screen.image.visible = False
 
-
-def _picture(client: Client, field: bool) -> Picture | None:
-    if client.through in (None, ALL):
-        return None
-    return client.through, "field" if field else client.paint
-
-
-def _pixel(card: Camera, depth: float, eye: Floats[D3], through: Floats[D3]) -> Pixel | None:
-    """Return where a ray from `eye` through a point (both world [m]) meets a camera's image at `depth` [m]."""
-    near, far = card.to_camera(np.stack([eye, through]))[:, 2]
-    share = (depth - near) / (far - near) if abs(far - near) > 1e-9 else -1.0
-    return None if share <= 0 else ray_pixel(card, eye + share * (through - eye) - card.centre)
-
-
-def _place(screen: Screen, card: Camera, hand: Floats[D3], larger: float) -> None:
-    """Stand a screen behind the hand as the camera sees it."""
-    away = float(card.to_camera(hand)[2])
-    depth = max(away, 0.1) + larger * _BEHIND
-    kept = screen.depth.get(card.name)
-    if kept is not None and kept - 0.10 * larger > away > kept - 0.24 * larger:
-        depth = kept  # stands still while the hand stays in front of it
-    screen.depth[card.name] = depth
-    image = screen.image
-    image.render_width, image.render_height, image.position = plane_of(card, depth)
-    image.wxyz = quaternion_wxyz(card.rotation.T)
-
-
-def plane_of(card: Camera, depth: float) -> tuple[float, float, Floats[D3]]:
-    """Return width and height [m] and middle (world [m]) of what a camera's image covers at a depth [m]: exact for a pinhole."""
-    (width, height), matrix = card.size, card.matrix
-    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
-    middle = np.array(
-        [(width / 2 - cx - 0.5) * depth / fx, (height / 2 - cy - 0.5) * depth / fy, depth]
-    )
-    return depth * width / fx, depth * height / fy, card.centre + middle @ card.rotation
-
-
-# ---- Looking through a camera
-
-
-_NEAR_M = 1e-4
-"""to the point that is looked at, of the whole image: an eye that far off sees a hand at half a metre 0.02 % larger"""
-_NOTCHES = 3.0
-"""the enlargement grows with this power of the nearness: viser's wheel goes 5 % nearer a notch, which enlarges by 17 %"""
-_LEFT_M = 1e-3
-"""an eye that far from the camera's centre sees hand and picture apart: 0.5 px at 1000 px of focal length and half a metre"""
-_SETTLED_S = 1.0
-"""a page does within this what it is told"""
-_INSIDE = 0.03
-"""share of the window, at its edges, that a hand that is followed keeps out of"""
-_FREE_M = (0.01, 1e4)
-"""how near and far the point looked at may be of who looks freely: viser's own bounds"""
-
-
-@dataclass(frozen=True)
-class _SentView:
-    """What a page was told to look at."""
-
-    when: float
-    """[s]"""
-    direction: Floats[D3]
-    """to the point looked at [m]"""
-    zoom: Zoom
-    follows: bool
-
-
-@dataclass
-class CameraView:
-    """How one page looks through a camera."""
-
-    card: Camera
-    zoom: Zoom
-    aspect: float
-    follows: bool = True
-    """it shows the hand wherever that goes; until the user chooses what to see"""
-    left: bool = False
-    """the user walked out of the camera"""
-    task: str = ""
-    """what the user is to do in it, in words"""
-    sent: deque[_SentView] = field(default_factory=lambda: deque(maxlen=32))
-
-    @property
-    def eye(self) -> Eye:
-        return eye(self.card, self.zoom, self.aspect)
-
-
-class Views:
-    """The pages' views through cameras. Called by viser's threads, its loop, and the view thread."""
-
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        self._hand: tuple[Floats[N, D3], Floats[N]] | None = None
-        self.changed: Callable[[Client], None] = lambda client: None
-        """told of every change of a page's view"""
+    # ---- the pages' camera views: called by viser's threads, its loop, and the view thread
 
     def enter(self, client: Client, card: Camera) -> None:
         """Let a page look through a camera, at the hand if there is one."""
@@ -486,3 +395,88 @@ class Views:
             if place is None or not all(_INSIDE <= share <= 1 - _INSIDE for share in place):
                 return False
         return 0.5 < view.zoom.times / wanted.times < 2.0
+
+
+def _picture(client: Client, field: bool) -> Picture | None:
+    if client.through in (None, ALL):
+        return None
+    return client.through, "field" if field else client.paint
+
+
+def _pixel(card: Camera, depth: float, eye: Floats[D3], through: Floats[D3]) -> Pixel | None:
+    """Return where a ray from `eye` through a point (both world [m]) meets a camera's image at `depth` [m]."""
+    near, far = card.to_camera(np.stack([eye, through]))[:, 2]
+    share = (depth - near) / (far - near) if abs(far - near) > 1e-9 else -1.0
+    return None if share <= 0 else ray_pixel(card, eye + share * (through - eye) - card.centre)
+
+
+def _place(screen: Screen, card: Camera, hand: Floats[D3], larger: float) -> None:
+    """Stand a screen behind the hand as the camera sees it."""
+    away = float(card.to_camera(hand)[2])
+    depth = max(away, 0.1) + larger * _BEHIND
+    kept = screen.depth.get(card.name)
+    if kept is not None and kept - 0.10 * larger > away > kept - 0.24 * larger:
+        depth = kept  # stands still while the hand stays in front of it
+    screen.depth[card.name] = depth
+    image = screen.image
+    image.render_width, image.render_height, image.position = plane_of(card, depth)
+    image.wxyz = quaternion_wxyz(card.rotation.T)
+
+
+def plane_of(card: Camera, depth: float) -> tuple[float, float, Floats[D3]]:
+    """Return width and height [m] and middle (world [m]) of what a camera's image covers at a depth [m]: exact for a pinhole."""
+    (width, height), matrix = card.size, card.matrix
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    middle = np.array(
+        [(width / 2 - cx - 0.5) * depth / fx, (height / 2 - cy - 0.5) * depth / fy, depth]
+    )
+    return depth * width / fx, depth * height / fy, card.centre + middle @ card.rotation
+
+
+# ---- Looking through a camera
+
+
+_NEAR_M = 1e-4
+"""to the point that is looked at, of the whole image: an eye that far off sees a hand at half a metre 0.02 % larger"""
+_NOTCHES = 3.0
+"""the enlargement grows with this power of the nearness: viser's wheel goes 5 % nearer a notch, which enlarges by 17 %"""
+_LEFT_M = 1e-3
+"""an eye that far from the camera's centre sees hand and picture apart: 0.5 px at 1000 px of focal length and half a metre"""
+_SETTLED_S = 1.0
+"""a page does within this what it is told"""
+_INSIDE = 0.03
+"""share of the window, at its edges, that a hand that is followed keeps out of"""
+_FREE_M = (0.01, 1e4)
+"""how near and far the point looked at may be of who looks freely: viser's own bounds"""
+
+
+@dataclass(frozen=True)
+class _SentView:
+    """What a page was told to look at."""
+
+    when: float
+    """[s]"""
+    direction: Floats[D3]
+    """to the point looked at [m]"""
+    zoom: Zoom
+    follows: bool
+
+
+@dataclass
+class CameraView:
+    """How one page looks through a camera."""
+
+    card: Camera
+    zoom: Zoom
+    aspect: float
+    follows: bool = True
+    """it shows the hand wherever that goes; until the user chooses what to see"""
+    left: bool = False
+    """the user walked out of the camera"""
+    task: str = ""
+    """what the user is to do in it, in words"""
+    sent: deque[_SentView] = field(default_factory=lambda: deque(maxlen=32))
+
+    @property
+    def eye(self) -> Eye:
+        return eye(self.card, self.zoom, self.aspect)

@@ -13,7 +13,7 @@ import viser
 from handtrack.arrays import D2, D3, D4, B, Bytes, Floats, Ints, N, T, V
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import Display, put
-from handtrack_app.protocol.palette import GHOSTS, SURFACE, TRUTH, colour_of, colours_of, linear
+from handtrack_app.protocol.palette import GHOSTS, TRUTH, colour_of, colours_of, linear
 from handtrack_app.protocol.snapshots import (
     HAND_REACH_M,
     GuessesSnapshot,
@@ -149,15 +149,6 @@ def remove_hand(view: HandView) -> None:
         node.remove()
 
 
-def add_surface(server: viser.ViserServer, name: str) -> viser.MeshHandle:
-    """Add the mesh, hidden until the first one comes."""
-    corner = np.zeros((3, 3), np.float32)
-    return server.scene.add_mesh_simple(
-        name, corner, np.array([[0, 1, 2]], np.uint32), color=SURFACE,
-        visible=False,
-    )  # fmt: skip
-
-
 # ---- Small closed meshes that the scene is made of: solids turned around +y
 
 
@@ -267,11 +258,11 @@ _HAND_BONE_M = 0.045  # of a hand, which may have a forearm, the median
 class Ghosts:
     """The bones of all of them as one batched mesh, which is seen at the frame that they are of."""
 
-    def __init__(self, server: viser.ViserServer, name: str, take: Callable[[int], None]) -> None:
+    def __init__(self, server: viser.ViserServer, take: Callable[[int], None]) -> None:
         """Add the mesh, hidden; `take(rank)` is called when one is clicked."""
         self.guesses: GuessesSnapshot | None = None
         self.bones = add_batch(
-            server.scene, name, capsule(0.5, 0.25, 4, 8), np.full((1, 3), 1e-4),
+            server.scene, "/ghosts", capsule(0.5, 0.25, 4, 8), np.full((1, 3), 1e-4),
             batched_colors=np.zeros((1, 3), np.uint8), opacity=_OPACITY, cast_shadow=False, visible=False,
         )  # fmt: skip
 

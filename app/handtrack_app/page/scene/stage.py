@@ -14,7 +14,6 @@ from handtrack.geometry.camera import Camera
 from handtrack_app.page.page import Client, Display, Page, put
 from handtrack_app.page.pins.grips import Grips
 from handtrack_app.page.scene.camera_view import (
-    CameraNames,
     CameraRig,
     CloudView,
     Moments,
@@ -26,7 +25,6 @@ from handtrack_app.page.scene.model_view import (
     Ghosts,
     HandView,
     add_hand,
-    add_surface,
     add_surroundings,
     ellipsoid_opacity,
     hand_balls,
@@ -41,6 +39,7 @@ from handtrack_app.page.scene.viewpoint import (
     hand_view,
     upward,
 )
+from handtrack_app.protocol.palette import SURFACE
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     HAND_REACH_M,
@@ -62,22 +61,24 @@ class Stage:
     def __init__(self, page: Page, pose: PoseSnapshot) -> None:
         self.page, self.session, self.pose = page, page.state.session, pose
         server, session = page.server, self.session
-        self.cloud = CloudView(server, "/cloud/points")
-        self.surface: viser.MeshHandle = add_surface(server, "/surface")
+        self.cloud = CloudView(server)
+        corner, first = np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.uint32)
+        self.surface = server.scene.add_mesh_simple(
+            "/surface", corner, first, color=SURFACE, visible=False
+        )
         self._surface_at: tuple[int, int, str] | None = None
         self.moments = Moments()
         self.take_guess: Callable[[int], None] = lambda rank: None
         self.stopped_painting: Callable[[], None] = lambda: None
-        self.names = CameraNames()
+        self.score: ScoreSnapshot | None = None
         self.cameras = CameraRig(server, "/cameras", session)
         self.cameras.size(pose.middle)
         self.hand: HandView = add_hand(server, session)
-        self.root = RootHandle(server, "/root", page.edit_pose, self._larger)
-        self.looking = Looking(page, self.names, self.cameras.cards)
+        self.root = RootHandle(server, page.edit_pose, self._larger)
+        self.looking = Looking(page, self.name_of, self.cameras.cards)
         self.grips = Grips(page, self._grasped, pose)
         self.ghosts = Ghosts(
             server,
-            "/ghosts",
             lambda n: self.take_guess(n),  # noqa: PLW0108 - it is set later
         )
         add_surroundings(server, pose.middle, upward(session), session.reach_m)
@@ -188,20 +189,27 @@ class Stage:
             if move_handle:
                 self.root.show_at(pose.values[:6])
                 self._show_handle()
-        self.looking.views.show_hand(*hand_balls(self.session, pose))
+        self.looking.show_hand(*hand_balls(self.session, pose))
         self.looking.place(self.display.field, pose.middle, self._larger)
         self.grips.show(pose)
-        self.names.pose = pose
         self._name_cameras()
 
     def show_score(self, score: ScoreSnapshot) -> None:
         """Show a pose's overlap beside the cameras' pictures."""
-        self.names.score = score
+        self.score = score
         self._name_cameras()
+
+    def name_of(self, camera: str) -> str:
+        """Return a camera's name, and its mask's overlap where the pose shown is scored."""
+        score, pose = self.score, self.pose
+        if score is None or not score.is_of(pose.frame, pose.values):
+            return camera
+        share = score.overlap.get(camera)
+        return camera if share is None else f"{camera}  {share:.2f}"
 
     def _name_cameras(self) -> None:
         for camera, label in self.cameras.labels.items():
-            put(label, text=self.names.of(camera))
+            put(label, text=self.name_of(camera))
         self.looking.draw_close_ups()
 
     def _fits(self, pose: PoseSnapshot) -> bool:
@@ -254,7 +262,7 @@ class Stage:
         self.cameras.size(hand)
         view = hand_view(self.session, hand)
         for client in self.page.clients:
-            self.looking.views.look_freely(client, view)
+            self.looking.look_freely(client, view)
 
     def show_cloud(self, cloud: CloudSnapshot) -> None:
         """Show a frame's cloud."""
@@ -279,7 +287,7 @@ class Stage:
         self.looking.set_through(client, camera)
         if camera is None:
             view = hand_view(self.session, self.pose.middle, everything)
-            self.looking.views.look_freely(client, view)
+            self.looking.look_freely(client, view)
         self.page.redraw()
 
     def paint_on(self, camera: str, client: Client, task: str, pointed: Pointed) -> None:
@@ -290,7 +298,7 @@ class Stage:
         self.looking.set_paint(client, "mask")
         self.looking.listen(client, pointed)
         self.page.redraw()
-        self.looking.views.ask(client, task)
+        self.looking.ask(client, task)
 
     def mark_box(
         self,
@@ -318,11 +326,11 @@ class Stage:
         client.box = once
         self.page.redraw()
         words = f"Drag a box over {over}. The model is hidden until then; key 0 returns to the orbit view."
-        self.looking.views.ask(client, words)
+        self.looking.ask(client, words)
 
     def _end_mark(self, client: Client) -> None:
         """Wait for a box no more: drags move the picture again."""
         waits, client.box = client.box, None
         if waits is not None:
             client.handle.scene.remove_rect_select_callback(waits)
-            self.looking.views.ask(client, "")
+            self.looking.ask(client, "")
