@@ -11,7 +11,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Axes
 from handtrack.store.record import Record
-from handtrack.tracking.frame.motion_belief import Hypothesis, MotionBelief
+from handtrack.tracking.frame.motion_belief import MotionBelief
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import (
     COLUMNS,
@@ -34,11 +34,11 @@ def step_content(step: Step) -> _Content:
     packed = _Packed()
     data = _of_result(step.result, packed)
     packed.add("belief", step.belief)
-    data["hypotheses"] = []
-    for n, known in enumerate(step.hypotheses):
+    moving = step.result.alternatives[: len(step.beliefs)]
+    data["hypotheses"] = [[float(one.energy), float(one.weight), one.origin] for one in moving]
+    for number, belief in enumerate(step.beliefs):
         for name, field in _BELIEF.items():
-            packed.add(f"hypothesis{n}.{name}", getattr(known.belief, field))
-        data["hypotheses"].append([float(known.cost), float(known.weight), known.origin])
+            packed.add(f"hypothesis{number}.{name}", getattr(belief, field))
     return packed.content(data)
 
 
@@ -56,11 +56,11 @@ def read_result(record: Record) -> FrameResult:
 def read_step(record: Record) -> Step:
     """Return the frame of a record with what the next one needs. Raises as `read_result` does."""
     arrays, data = _arrays(record), record.data
-    hypotheses = list[Hypothesis]()
-    for n, numbers in enumerate(data.get("hypotheses", ())):
-        belief = {field: arrays[f"hypothesis{n}.{name}"] for name, field in _BELIEF.items()}
-        hypotheses.append(Hypothesis(MotionBelief(**belief), *numbers))
-    return Step(_result(data, arrays), arrays.get("belief"), tuple(hypotheses))
+    beliefs = tuple(
+        MotionBelief(**{field: arrays[f"hypothesis{n}.{name}"] for name, field in _BELIEF.items()})
+        for n in range(len(data.get("hypotheses", ())))
+    )
+    return Step(_result(data, arrays), arrays.get("belief"), beliefs)
 
 
 class _Packed:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from handtrack.arrays import Floats, P, array_dataclass
-from handtrack.tracking.frame.motion_belief import Hypothesis
+from handtrack.tracking.frame.motion_belief import MotionBelief
 from handtrack.tracking.frame.result import FrameResult, Status, Step
 from handtrack.tracking.frame.terms.appearance_terms import Before
 
@@ -24,8 +24,8 @@ class TrackerState:
     """the latest last, in the order of tracking; they predict, and tell what is usual and how long the hand is lost"""
     belief: Floats[P, P] | None = None
     """covariance of the latest pose that was not lost; None where nothing is said of it"""
-    hypotheses: tuple[Hypothesis, ...] = ()
-    """poses carried along, heaviest first, where `tracker.hypotheses` is above 1"""
+    beliefs: tuple[MotionBelief, ...] = ()
+    """how the last result's alternatives move, where `tracker.hypotheses` is above 1"""
     texture: Before | None = None
     """images of the latest frame that was not lost and the model in it, where images are looked at"""
 
@@ -46,12 +46,12 @@ class TrackerState:
     def after_steps(cls, steps: Sequence[Step], texture: Before | None = None) -> TrackerState:
         """Return the state after steps in the order of tracking, at least one; texture: of those it was."""
         results = tuple(step.result for step in steps[-REMEMBERED:])
-        return cls(None, results, steps[-1].belief, steps[-1].hypotheses, texture)
+        return cls(None, results, steps[-1].belief, steps[-1].beliefs, texture)
 
     @property
     def step(self) -> Step:
         """The latest frame, as `after_steps` takes it. There is one."""
-        return Step(self.results[-1], self.belief, self.hypotheses)
+        return Step(self.results[-1], self.belief, self.beliefs)
 
     @property
     def last(self) -> FrameResult | None:
@@ -62,9 +62,9 @@ class TrackerState:
         result = solved.result
         results = (*self.results, result)[-REMEMBERED:]
         if result.status == Status.LOST and self.results:
-            return replace(self, results=results, hypotheses=solved.hypotheses)
+            return replace(self, results=results, beliefs=solved.beliefs)
         if texture is not None and self.texture is not None:
             texture = replace(texture, first=self.texture.first or self.texture)
         lost = result.status == Status.LOST
         belief = self.belief if lost else solved.belief
-        return TrackerState(None, results, belief, solved.hypotheses, texture)
+        return TrackerState(None, results, belief, solved.beliefs, texture)

@@ -77,7 +77,7 @@ class Tracker:
     ) -> tuple[TrackerState, Step]:
         task = self._task(state, self._looked_at(state, observation), control)
         if self.settings.tracker.hypotheses > 1:
-            solved = solve_mixture(task, state.hypotheses)
+            solved = solve_mixture(task, state.beliefs)
         else:
             solved = solve_frame(task)
             if self.settings.tracker.recovery:

@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout
-from handtrack.tracking.frame.motion_belief import Hypothesis, MotionBelief
+from handtrack.tracking.frame.motion_belief import MotionBelief
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, Step
 from tests.sample_track import HAND, labels_of, sample_frame
@@ -25,21 +25,14 @@ def step(rng: np.random.Generator, frame: int, hypotheses: int = 0) -> Step:
     """Return a tracked frame with all that may be in one."""
     count = len(HAND.rest)
     known = tuple(
-        Hypothesis(
-            MotionBelief(
-                rng.normal(size=count),
-                rng.normal(size=count),
-                np.asfortranarray(rng.normal(size=(2 * count, 2 * count))),
-            ),
-            1.5,
-            0.5,
-            "followed",
+        MotionBelief(
+            rng.normal(size=count),
+            rng.normal(size=count),
+            np.asfortranarray(rng.normal(size=(2 * count, 2 * count))),
         )
         for _ in range(hypotheses)
     )
-    others = tuple(
-        Alternative(h.params, h.cost, h.weight, n, h.origin) for n, h in enumerate(known)
-    )
+    others = tuple(Alternative(b.mean, 1.5, 0.5, n, "followed") for n, b in enumerate(known))
     result = sample_frame(
         rng,
         frame,

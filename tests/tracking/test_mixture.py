@@ -32,7 +32,7 @@ def _tracked(observations):
     state, results = TrackerState.beginning_at(TRUTH[0]), []
     for observation in observations:
         state, result = tracker.step(state, observation)
-        assert len(state.hypotheses) == len(result.alternatives)
+        assert len(state.beliefs) == len(result.alternatives)
         results.append(result)
     return results
 

@@ -55,7 +55,8 @@ def component(mean, covariance, terms, weight=1.0, number=0):
 
 
 def carried_on(components, **values):
-    return searched(NextHypotheses(BALL, settings(**values), STIFF, NOTHING, Control(), components))
+    task = BALL, settings(**values), NOTHING, np.zeros(6)
+    return searched(NextHypotheses(*task, chains=STIFF, components=components))[1]
 
 
 def turned(angle):
@@ -76,8 +77,7 @@ def test_two_parameters_that_err_together_are_weighed_together():
         components.append(component(turned(angle), covariance, likely, 0.5, len(masses)))
         both = covariance[plane] + np.linalg.inv(information[plane])
         masses.append(multivariate_normal([0.0, angle], both).pdf([0.0, 0.35]))
-    found, parents = carried_on(components)
-    weights = dict(zip(parents, [h.weight for h in found], strict=True))
+    weights = {h.parent: h.weight for h in carried_on(components)}
     assert weights[0] / weights[1] == pytest.approx(masses[0] / masses[1], rel=1e-2)
     assert abs(masses[0] / masses[1] - 1.0) > 0.3
 
@@ -101,16 +101,9 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     monkeypatch.setattr(mixture_search, "JUMP_SHARE", share)
     chosen = settings(**{"mixture.draws": 4})
     told = Told()
-    found, _ = searched(
-        NextHypotheses(
-            HAND,
-            chosen,
-            [chain],
-            look,
-            Control(observer=told),
-            [component(mean, np.diag(variance), terms)],
-        )
-    )
+    last = component(mean, np.diag(variance), terms)
+    task = {"control": Control(observer=told), "chains": [chain], "components": [last]}
+    _, found = searched(NextHypotheses(HAND, chosen, look, mean, **task))
     weights = {h.origin: h.weight for h in found}
     (report,) = told
     masses = {origin: np.exp(-cost) for origin, cost in report.rounds[0][1]}
@@ -137,7 +130,7 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
     def log_priors(votes):
         monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
         chosen = settings(**{"mixture.draws": 16})
-        following = NextHypotheses(HAND, chosen, two, look, Control(), [last])
+        following = NextHypotheses(HAND, chosen, look, rest, chains=two, components=[last])
         return {c.origin: c.source.log_prior for c in following.kinematic_jumps([], 0)}
 
     even, uneven = log_priors([0.5, 0.5]), log_priors([0.2, 0.8])
@@ -152,15 +145,15 @@ def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monke
         component(turned(angle), 1e-4 * np.eye(6), frame(BALL), w, n)
         for n, (w, angle) in enumerate(gaussians)
     ]
-    found, parents = carried_on(components)
-    assert parents == (0, 1, 2)
+    found = carried_on(components)
+    assert [h.parent for h in found] == [0, 1, 2]
     assert_allclose([h.weight for h in found], [0.5, 0.3, 0.2], rtol=1e-6)
     monkeypatch.setattr(mixture, "APART_MM", 20.0)
-    found, parents = carried_on(components, **{"tracker.hypotheses": 2})
-    assert parents == (0, 2)
+    found = carried_on(components, **{"tracker.hypotheses": 2})
+    assert [h.parent for h in found] == [0, 2]
     assert_allclose([h.weight for h in found], [5 / 7, 2 / 7], rtol=1e-6)
     # nothing was seen: the belief neither moved nor became surer
-    assert_allclose(found[1].params, turned(1.5), atol=1e-6)
+    assert_allclose(found[1].parameters, turned(1.5), atol=1e-6)
 
 
 @dataclass(frozen=True)
@@ -185,15 +178,12 @@ def test_of_a_first_frame_costs_alone_decide():
     """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
     terms = frame(BALL, Wells((well(0.2, 1.0, 0.1), well(1.4, 2.0, 0.5), well(-1.5, 2.5, 0.1))))
     told = Told()
-    found, parents = searched(
-        FirstHypotheses(
-            BALL, settings(), STIFF, NOTHING, Control(observer=told), terms, np.zeros(6)
-        )
-    )
-    assert_allclose([h.params[FACING] for h in found], [0.2, 1.4, -1.5], atol=1e-3)
+    task = {"control": Control(observer=told), "chains": STIFF, "free_terms": terms}
+    _, found = searched(FirstHypotheses(BALL, settings(), NOTHING, np.zeros(6), **task))
+    assert_allclose([h.parameters[FACING] for h in found], [0.2, 1.4, -1.5], atol=1e-3)
     weights = np.exp([-1.0, -2.0, -2.5])
     assert_allclose([h.weight for h in found], weights / weights.sum(), rtol=1e-3)
-    assert parents == (-1, -1, -1)
+    assert {h.parent for h in found} == {-1}
     (report,) = told
     assert [count for count, _ in report.rounds] == [4, 5, 0]  # nothing to be seen: no trees
     assert report.winner == ("start", pytest.approx(1.0))
@@ -232,7 +222,7 @@ def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
         ImageKeypoints(first, HAND.joint_names[::-1], pixels[::-1], sigma),
     )
     seen = Observation(0, 0.0, keypoints=joints)
-    reference = MixtureObjective(HAND, settings(), (), seen, Control()).reference
+    reference = MixtureObjective(HAND, settings(), seen, HAND.rest_params()).reference
     assert reference is not None
     camera, places = reference
     assert camera is first

@@ -108,21 +108,3 @@ def unknown_speed(size: int) -> Floats[P]:
     speed = np.full(size, _SPEED_RAD)
     speed[:3] = _SPEED_M
     return speed
-
-
-@array_dataclass
-class Hypothesis:
-    """One minimum of a frame's cost, as a normal distribution around it and of how it moves."""
-
-    belief: MotionBelief
-    cost: float
-    """½ Σ r² at the minimum, priors included"""
-    weight: float
-    """share of the posterior among the hypotheses of its frame"""
-    origin: str
-    """where it comes from: the last frame, a chain's flips"""
-
-    @property
-    def params(self) -> Floats[P]:
-        """The minimum's solver parameters."""
-        return self.belief.mean

@@ -38,7 +38,7 @@ from handtrack.model.articulated import (
     definition_among,
     keypoint_names,
 )
-from handtrack.tracking.frame.motion_belief import Hypothesis
+from handtrack.tracking.frame.motion_belief import MotionBelief
 from handtrack.tracking.frame.reason import Reason, Status
 from handtrack.tracking.frame.result_fields import (
     Column,
@@ -256,8 +256,8 @@ class Step:
     result: FrameResult
     belief: Floats[P, P] | None = None
     """covariance of the solver parameters; None where nothing is said of them"""
-    hypotheses: tuple[Hypothesis, ...] = ()
-    """poses carried along, heaviest first"""
+    beliefs: tuple[MotionBelief, ...] = ()
+    """how each of the result's alternatives moves, where several poses are carried along"""
     search_due: bool = False
     """a search would have been made, had it been allowed (`Control.searches`); not kept"""
 

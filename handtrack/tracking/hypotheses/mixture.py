@@ -19,11 +19,7 @@ from handtrack.tracking.frame.constants import APART_MM, MIXTURE_DESCENTS
 from handtrack.tracking.frame.control import Tried
 from handtrack.tracking.frame.descent import by_keypoints_alone, stage_problem
 from handtrack.tracking.frame.frame_task import FrameTask
-from handtrack.tracking.frame.motion_belief import (
-    Hypothesis,
-    MotionBelief,
-    unknown_speed,
-)
+from handtrack.tracking.frame.motion_belief import MotionBelief, unknown_speed
 from handtrack.tracking.frame.result import Alternative, Step
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import agility
@@ -42,10 +38,8 @@ from handtrack.tracking.search.engine import report, run_rounds
 
 def searched(
     objective: FirstHypotheses | NextHypotheses,
-) -> tuple[tuple[Hypothesis, ...], tuple[int, ...]]:
-    """Return the hypotheses of a frame, the heaviest of the distinct minima that are found, and which of the last frame's each continues; −1
-    in a first frame.
-    """
+) -> tuple[tuple[MotionBelief, ...], tuple[Alternative, ...]]:
+    """Return the hypotheses of a frame, the heaviest of the distinct minima that are found, with the motion of each."""
     search, why = FIRST_HYPOTHESES, "a first frame"
     if isinstance(objective, NextHypotheses):
         search, why = NEXT_HYPOTHESES, f"carried on: {len(objective.components)}"
@@ -62,8 +56,9 @@ def searched(
     cost = np.array([c.cost for c in kept])
     weights = np.exp(cost.min() - cost)
     weights /= weights.sum()
-    hypotheses = (_hypothesis(c, float(w)) for c, w in zip(kept, weights, strict=True))
-    return tuple(hypotheses), tuple(c.source.parent for c in kept)
+    hypotheses = [_hypothesis(c, float(w)) for c, w in zip(kept, weights, strict=True)]
+    beliefs, alternatives = zip(*hypotheses, strict=True)
+    return beliefs, alternatives
 
 
 def _carried(objective: MixtureObjective, found: Sequence[Start]) -> list[Start]:
@@ -85,8 +80,8 @@ def _carried(objective: MixtureObjective, found: Sequence[Start]) -> list[Start]
     return [found[n] for n in [*shown, *others[:more]]]
 
 
-def _hypothesis(found: Start, weight: float) -> Hypothesis:
-    """Return a minimum with its motion."""
+def _hypothesis(found: Start, weight: float) -> tuple[MotionBelief, Alternative]:
+    """Return a minimum's motion, and the minimum as a frame's result has it."""
     params, source = found.params, found.source
     assert found.normal is not None
     spread = covariance(found.normal)[0]
@@ -95,7 +90,9 @@ def _hypothesis(found: Start, weight: float) -> Hypothesis:
         if source.belief is None
         else source.belief.updated(params, spread)
     )
-    return Hypothesis(belief.with_wrapped_turn(), found.energy, weight, source.origin)
+    belief = belief.with_wrapped_turn()
+    joint = found.model.joint_params(belief.mean)
+    return belief, Alternative(joint, found.energy, weight, source.parent, source.origin)
 
 
 def speed_of_change(model: ArticulatedModel, settings: TrackerSettings) -> Floats[P]:
@@ -109,59 +106,58 @@ def speed_of_change(model: ArticulatedModel, settings: TrackerSettings) -> Float
     return push / np.sqrt(max(strength, 1e-6))
 
 
-def solve_mixture(task: FrameTask, carried: Sequence[Hypothesis]) -> Step:
+def solve_mixture(task: FrameTask, carried: Sequence[MotionBelief]) -> Step:
     """Return a frame at the heaviest of the hypotheses that explain it, and all that are carried
     on.
 
     Parameters
     ----------
     carried
-        Those of the frame before; none in a first frame. Where nothing is seen they stay as they
-        are.
+        Motions of the last frame's alternatives; none in a first frame. Where nothing is seen they
+        stay as they are.
     """
     params, terms = task.opened()
     chains = chains_of(task.model, task.settings.mixture.chains)
-    objective = task.model, task.settings, chains, task.observation, task.control
+    about = vars(task) | {"start": params, "chains": chains}
+    known = task.previous[-1].alternatives if carried else ()
     if not terms.has_observations:
-        parents = range(len(carried))
-        return _with_alternatives(task.model, task.unseen(), carried, parents)
+        held = tuple(replace(one, parent=n) for n, one in enumerate(known))
+        return _with_alternatives(task.unseen(), tuple(carried), held)
     if carried:
         most = max(MIXTURE_DESCENTS // len(carried), 2)
-        components = [_component(task, one, most, n) for n, one in enumerate(carried)]
-        hypotheses, parents = searched(NextHypotheses(*objective, components))
-        terms = components[parents[0]].terms
+        components = [
+            _component(task, belief, one.weight, most, n)
+            for n, (belief, one) in enumerate(zip(carried, known, strict=True))
+        ]
+        beliefs, alternatives = searched(NextHypotheses(**about, components=components))
+        terms = components[alternatives[0].parent].terms
     else:
         terms = terms.without_motion()
-        hypotheses, parents = searched(FirstHypotheses(*objective, terms, params))
-    best = hypotheses[0].params
+        beliefs, alternatives = searched(FirstHypotheses(**about, free_terms=terms))
+    best = beliefs[0].mean
     problem = stage_problem(terms, best)
     system = problem.linearize(best)
     solved = task.solved(terms, SolveSummary(best, system.cost, 0, "converged", system), problem)
-    return _with_alternatives(task.model, solved, hypotheses, parents)
+    return _with_alternatives(solved, beliefs, alternatives)
 
 
-def _component(task: FrameTask, hypothesis: Hypothesis, most: int, number: int) -> Source:
+def _component(
+    task: FrameTask, belief: MotionBelief, weight: float, most: int, number: int
+) -> Source:
     """Return a hypothesis of the last frame moved on to this one."""
     goes_on = task.settings.tracker.prediction == "constant_velocity"
     push = speed_of_change(task.model, task.settings)
-    belief = hypothesis.belief.ahead(push, max(task.ahead, 1), goes_on)
+    bones = task.model.bones(belief.mean)
+    belief = belief.ahead(push, max(task.ahead, 1), goes_on)
     belief = replace(belief, mean=task.model.clipped(belief.mean))
-    bones = task.model.bones(hypothesis.params)
     texture = task.texture and replace(task.texture, bones=bones)
     terms = replace(task, expected=None, texture=texture).terms(belief.mean)
-    log = float(np.log(max(hypothesis.weight, WEIGHTLESS)))
+    log = float(np.log(max(weight, WEIGHTLESS)))
     return Source("followed", terms, most, belief, number, log)
 
 
 def _with_alternatives(
-    model: ArticulatedModel,
-    solved: Step,
-    carried: Sequence[Hypothesis],
-    parents: Sequence[int],
+    solved: Step, beliefs: tuple[MotionBelief, ...], alternatives: tuple[Alternative, ...]
 ) -> Step:
-    alternatives = tuple(
-        Alternative(model.joint_params(h.params), h.cost, h.weight, parent, h.origin)
-        for h, parent in zip(carried, parents, strict=True)
-    )
     result = replace(solved.result, alternatives=alternatives)
-    return replace(solved, result=result, hypotheses=tuple(carried))
+    return replace(solved, result=result, beliefs=beliefs)

@@ -7,7 +7,7 @@ hypothesis followed, and jumped along chains that votes name (2003 paper, §4; d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
 
@@ -17,7 +17,6 @@ from handtrack.arrays import D2, Floats, Ints, J, K, N, P, array_dataclass, indi
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent, rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import Chain, chain_votes
 from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
@@ -26,11 +25,10 @@ from handtrack.solver.covariance import covariance
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.constants import JUMP_SHARE, MERGE_DEG, MIXTURE_DESCENTS
-from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import by_keypoints_alone, minima
+from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.motion_belief import MotionBelief, unknown_speed
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, Round, Search
 
 _COARSE = 10.0  # times sigma, of a first frame's joints: a wide basin
@@ -74,14 +72,11 @@ class Start(Candidate):
 
 
 @array_dataclass
-class MixtureObjective:
+class MixtureObjective(FrameTask):
     """What first frames and all others share; see engine.Objective."""
 
-    model: ArticulatedModel
-    settings: TrackerSettings
-    chains: Sequence[Chain]
-    observation: Observation
-    control: Control
+    chains: Sequence[Chain] = ()
+    """along which poses are flipped"""
 
     @cached_property
     def rng(self) -> np.random.Generator:
@@ -153,10 +148,8 @@ class MixtureObjective:
 class FirstHypotheses(MixtureObjective):
     """A first frame; see engine.Objective. From a start that is far off, first as if joints were seen coarsely."""
 
-    terms: FrameTerms
+    free_terms: FrameTerms = field(kw_only=True)
     """what the frame costs, without any pull to an expected pose"""
-    start: Floats[P]
-    """(P,)"""
 
     def coarse_headings(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the start at headings all around the root's y axis, with image joints of ten times the standard deviation."""
@@ -165,12 +158,12 @@ class FirstHypotheses(MixtureObjective):
         facing = rotation_matrix(joint[3:6]) @ rotation_matrix(turns)
         rows = np.tile(joint, (most, 1))
         rows[1:, 3:6] = rotation_vector(facing[1:])
-        far = Source("start", self.terms.coarser(_COARSE), most)
+        far = Source("start", self.free_terms.coarser(_COARSE), most)
         return self.starts(far, np.array([self.model.solver_params(row) for row in rows]))
 
     def start_and_candidates(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the start and all candidates so far."""
-        near = Source("start", self.terms, len(found))
+        near = Source("start", self.free_terms, len(found))
         return self.starts(near, np.array([self.start, *(c.params for c in found)]))
 
     def interpretation_trees_of_best(self, found: Sequence[Start], most: int) -> list[Start]:
@@ -196,7 +189,7 @@ class FirstHypotheses(MixtureObjective):
                 self.rng.standard_normal,
             )
             starts += [here[None], leaves, projected(self.model, around)]
-        source = Source("first tree", self.terms, MIXTURE_DESCENTS)
+        source = Source("first tree", self.free_terms, MIXTURE_DESCENTS)
         return self.starts(source, np.concatenate(starts))
 
 
@@ -209,7 +202,7 @@ class NextHypotheses(MixtureObjective):
     temporal prior of a jump, which is flat in the parameters of the chain that jumped.
     """
 
-    components: Sequence[Source]
+    components: Sequence[Source] = ()
 
     def motion_prediction(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose each hypothesis of the last frame, moved by its predicted motion."""
