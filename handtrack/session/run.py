@@ -34,16 +34,13 @@ from handtrack.observation.observation import Keypoints, Observation
 from handtrack.parallel import in_parallel
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.first_pose_candidate import (
-    FirstPoseCandidate,
-    pose_in_space,
-    poses_from_images,
-)
+from handtrack.session.first_pose.image_joints import poses_from_images
 from handtrack.session.ineffective_settings import ineffective_settings
 from handtrack.session.session import Session
 from handtrack.session.sources.joint_errors import joint_sigma_px
 from handtrack.session.sources.keypoint_files import of_model
 from handtrack.session.sources.prefetch import Prefetch
+from handtrack.tracking.find_pose import PoseEstimate, pose_in_space
 from handtrack.tracking.frame.confidence import FrameConfidence, OutlineFit, assess, outline_fit
 from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.frame.frame_task import posed_result
@@ -114,7 +111,7 @@ class TrackingRun:
         session = session.as_tracked_by(settings)
         first = first or (session.init if use_init else None)
         if first is not None and first.pixels:
-            first = poses_of_image_joints(session, settings, first)[0].first_pose
+            first = FirstPose.of(poses_of_image_joints(session, settings, first)[0])
         scale = _of_this_recording(session, settings, hand_scale(session, settings, first))
         arm_m = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, arm_m)
@@ -424,7 +421,7 @@ class TrackingRun:
 
 def poses_of_image_joints(
     session: Session, settings: TrackerSettings, first: FirstPose
-) -> list[FirstPoseCandidate]:
+) -> list[PoseEstimate]:
     """Return the poses in space that a first pose with joints in images may mean, the surest first."""
     whole = _whole(_model(session, settings, hand_scale(session, settings, None), 0.0))
     return poses_from_images(

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 
-from handtrack.arrays import Floats, P, array_dataclass
+import numpy as np
+
+from handtrack.arrays import D3, D21, Floats, J, P, array_dataclass
 from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import rotation_matrix, turned_by
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import Keypoints, Observation, check_kind
+from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, check_kind
 from handtrack.parallel import one_blas_thread
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
+from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
 from handtrack.tracking.search.keypoint_start import hands_from_images, in_space
 from handtrack.tracking.search.start_confidence import clustered_modes
@@ -19,21 +23,41 @@ from handtrack.tracking.search.start_confidence import clustered_modes
 SURE = 0.85
 """from which confidence on a first pose is taken and no other frame is tried: of those at 0.70 to 0.80 half are wrong, of those above 0.9 none
 (ten recordings, docs/explanation/search.md)"""
+_TURNED_DEG = 30.0  # less than that is not worth a word
 _TRIED = 4
 """frames of a sequence in which a surer pose is looked for than the best so far"""
 
 
 @array_dataclass
-class PoseEstimate:
-    """A pose that tracking may start from: `TrackerState.beginning_at(found.params)`."""
+class PoseEstimate(Candidate):
+    """A pose that tracking may start from, `TrackerState.beginning_at(found.params)`: of a whole hand, with a forearm where one is seen, or of
+    a body. Its confidence: 0 to 1, that its joints are within 12 mm (of a body 110 mm) of the true ones on average; 1 where points say
+    where they are.
+    """
 
-    frame: int
-    params: Floats[P]
-    """solver parameters of the model"""
-    confidence: float
-    """0 to 1, that its joints are within 12 mm (of a body 110 mm) of the true ones on average; 1 where points say where they are"""
-    source: str
-    """the kind of observation that gives it, in words"""
+    frame: int = field(kw_only=True)
+    note: str = ""
+    """in words: what gives it, how it fits, or how it differs from the surest"""
+    points: Floats[D21, D3] | None = None
+    """in space, to which it was fitted, where there are any: they tell the hand's size as well"""
+
+    @classmethod
+    def of(cls, found: Candidate, frame: int, note: str = "") -> PoseEstimate:
+        """Return a pose that was found in a frame, without what else a search knows of it."""
+        return cls(
+            found.model,
+            found.params,
+            found.cost,
+            confidence=found.confidence,
+            p_in_basin=found.p_in_basin,
+            frame=frame,
+            note=note,
+        )
+
+    @property
+    def settled(self) -> float:
+        """How surely it is the right one of the poses that were found, however well it is known."""
+        return self.confidence / self.p_in_basin
 
 
 @one_blas_thread
@@ -52,7 +76,8 @@ def find_pose(
     check_kind(observation, Observation, "observation", "one Observation(frame, time_s, …)")
     points = _points(model, observation, settings)
     if points is not None:
-        return [PoseEstimate(observation.frame, fit_keypoints(model, points), 1.0, "points")]
+        placed = Candidate(model, fit_keypoints(model, points), 0.0, confidence=1.0)
+        return [PoseEstimate.of(placed, observation.frame, "points")]
     if model.kind == "hand" and not model.has_keypoints21:
         raise HandtrackError(
             f"the model '{model.name}' is no whole hand: a first pose is found by itself for whole hands and bodies only. Give one as solver "
@@ -60,23 +85,77 @@ def find_pose(
         )
     if model.kind == "hand" and (observation.silhouettes or observation.cloud is not None):
         found = auto_start([model], settings, observation, should_stop)
-        return [
-            PoseEstimate(observation.frame, c.params, c.confidence, "silhouettes and cloud")
-            for c in found
-        ]
+        return [PoseEstimate.of(c, observation.frame, "silhouettes and cloud") for c in found]
     joints = observation.image_keypoints
     if not joints and model.kind == "body" and not observation.is_empty:
         raise HandtrackError(
             f"the model '{model.name}' is found by joints only, in images (ImageKeypoints) or in space (Keypoints), and frame "
             f"{observation.frame} has none. Add them, or give solver parameters: model.params_from({{'name': value, …}})."
         )
-    if not joints:
-        return []
-    modes = clustered_modes(hands_from_images(model, joints))
-    return [
-        PoseEstimate(observation.frame, c.params, c.confidence, "joints of one image")
-        for c in modes
-    ]
+    return poses_by_joints(model, observation.frame, joints) if joints else []
+
+
+def differs(best: PoseEstimate, other: PoseEstimate) -> str:
+    """Return in words how far a pose is from the best, and how much worse it fits."""
+    here, there = (_joints(c.model, c.params) for c in (best, other))
+    away = 1e3 * float(np.linalg.norm(here - there, axis=1).mean())
+    a, b = (rotation_matrix(c.model.joint_params(c.params)[3:6]) for c in (best, other))
+    turned = np.rad2deg(float(turned_by(a, b)))
+    parts = "limbs" if best.model.kind == "body" else "fingers"
+    way = f"turned by {turned:.0f}°" if turned > _TURNED_DEG else f"{parts} bent otherwise"
+    worse = other.cost / max(best.cost, 1e-12)
+    return f"{way}, joints {away:.0f} mm away on average; fits {worse:.1f} times worse"
+
+
+def _joints(model: ArticulatedModel, params: Floats[P]) -> Floats[J, D3]:
+    """Return the joints by which poses are compared, world [m]: a hand with a forearm has more."""
+    bones = model.bones(params)
+    return model.keypoints21(bones) if model.has_keypoints21 else model.joint_positions(bones)
+
+
+def poses_by_joints(
+    model: ArticulatedModel, frame: int, images: Sequence[ImageKeypoints]
+) -> list[PoseEstimate]:
+    """Return the poses that joints in a frame's undistorted images may mean, by nothing else, the surest first.
+
+    Raises HandtrackError for too few joints.
+    """
+    found = clustered_modes(hands_from_images(model, images))
+    return noted([PoseEstimate.of(candidate, frame) for candidate in found], images)
+
+
+def noted(rows: Sequence[PoseEstimate], images: Sequence[ImageKeypoints]) -> list[PoseEstimate]:
+    """Return poses by joints, the surest first, with a note on each."""
+    cameras = len({joints.camera for joints in images})
+    many = "one camera" if cameras == 1 else f"{cameras} cameras"
+    notes = [f"joints seen by {many}", *(differs(rows[0], row) for row in rows[1:])]
+    return [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]
+
+
+def pose_in_space(
+    settings: TrackerSettings,
+    model: ArticulatedModel,
+    frame: int,
+    images: Sequence[ImageKeypoints],
+) -> PoseEstimate | None:
+    """Return the pose that joints in a frame's undistorted images say, where two cameras or more
+    agree on most; else None.
+
+    Parameters
+    ----------
+    model
+        A hand with all joints, or a body.
+    """
+    known = in_space(model, images, settings.keypoints.sigma_mm * 1e-3)
+    if known is None:
+        return None
+    points = known.positions
+    cameras, count = len({joints.camera for joints in images}), known.count
+    note = f"{cameras} cameras agree on {count} of {len(points)} joints"
+    pose = Candidate(model, fit_keypoints(model, known), 0.0, confidence=1.0)
+    return replace(
+        PoseEstimate.of(pose, frame, note), points=points if model.has_keypoints21 else None
+    )
 
 
 def find_first_pose(

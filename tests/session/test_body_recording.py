@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack import HandScale, Session, TrackingRun
+from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_search import (
     SURE,
     find_first_poses,
@@ -26,7 +27,7 @@ def found(session):
 @pytest.fixture(scope="module")
 def sized(session, found):
     """The run once first pose and size are found."""
-    return TrackingRun.open(session, first=found[0].first_pose)
+    return TrackingRun.open(session, first=FirstPose.of(found[0]))
 
 
 def error_m(session, found, shape=False):
@@ -41,7 +42,7 @@ def error_m(session, found, shape=False):
 def test_cameras_that_agree_give_a_bodys_first_pose(session, found):
     (best,) = found
     assert best.confidence == 1.0
-    assert best.first_pose.xyz is None
+    assert best.points is None
     assert error_m(session, best) < 0.04, "of a body of the mean size, by a detector's joints"
 
 

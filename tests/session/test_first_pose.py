@@ -67,7 +67,7 @@ def test_a_childs_hand_is_found_as_a_childs(tmp_path):
     assert best.confidence > 0.7
     assert best.model.scale.overall == pytest.approx(0.77, rel=0.01)
     assert error_mm(best, points(session, 0)) < 2.0
-    assert_allclose(best.first_pose.xyz, best.model.keypoints21(best.model.bones(best.params)))
+    assert_allclose(best.points, best.model.keypoints21(best.model.bones(best.params)))
 
 
 def test_joints_in_one_image_are_settled_by_the_silhouettes(session):
@@ -93,7 +93,7 @@ def test_joints_on_which_two_cameras_agree_are_a_first_pose(tmp_path, monkeypatc
     (best,) = find_first_poses(run)
     assert searched == []  # the frames with joints in two images come first
     assert best.frame == 2
-    assert_allclose(best.first_pose.xyz, keypoints(), atol=1e-5)
+    assert_allclose(best.points, keypoints(), atol=1e-5)
     assert find_first_poses(run, 0) == []
     assert find_first_poses(run.with_values({"keypoints.weight": 0.0})) == []
     (best,) = find_first_poses(run.with_values({"silhouettes.weight": 0.0}), 0)  # no masks

@@ -13,7 +13,6 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.posed_frames import keyframe_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import (
@@ -33,6 +32,7 @@ from handtrack.session.track_session import (
     TrackingRequest,
 )
 from handtrack.store.history import NOTE
+from handtrack.tracking.find_pose import PoseEstimate
 from handtrack.tracking.frame.confidence import OutlineFit, hand_words
 from handtrack.tracking.frame.result import FrameHead, FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
@@ -121,7 +121,7 @@ _NO_RESULT = {
 }
 
 
-def search_notice(candidates: Sequence[FirstPoseCandidate], kind: str) -> Notice:
+def search_notice(candidates: Sequence[PoseEstimate], kind: str) -> Notice:
     """Return what a search for a hand or a body found."""
     if not candidates:
         return Notice("warning", f"No {kind} found", _NO_RESULT[kind])
@@ -505,7 +505,7 @@ class JobControl:
         words = _OTHER_ARM if is_arm else size_words(document.run)
         self._publish(Notice("done", "Tracking again" if is_arm else "Size fitted", words))
 
-    def _finish_search(self, candidates: list[FirstPoseCandidate]) -> None:
+    def _finish_search(self, candidates: list[PoseEstimate]) -> None:
         if candidates:
             self.guesses.keep(candidates)
             self._document.show(candidates[0].frame)
@@ -602,11 +602,11 @@ class Guesses:
     """What was found, by frame; what is carried stands in the tracker's results. On the worker's thread only."""
 
     document: Document
-    results: dict[int, list[FirstPoseCandidate]] = field(default_factory=dict)
+    results: dict[int, list[PoseEstimate]] = field(default_factory=dict)
     """by frame, the surest first"""
     _published: tuple[int, str, int] = (-1, "", 0)
 
-    def keep(self, candidates: list[FirstPoseCandidate]) -> None:
+    def keep(self, candidates: list[PoseEstimate]) -> None:
         """Keep what a search found."""
         self.results[candidates[0].frame] = candidates
 

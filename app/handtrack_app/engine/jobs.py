@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.session.doctor.check_hand import odd_side
-from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import Correction
@@ -25,6 +25,7 @@ from handtrack.session.track_session import (
     refine_frames,
     track_session,
 )
+from handtrack.tracking.find_pose import PoseEstimate
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 
@@ -39,7 +40,7 @@ class JobEnded:
     problem: Exception | None = None
 
 
-FirstPoses = list[FirstPoseCandidate]
+FirstPoses = list[PoseEstimate]
 """poses that explain a frame, the most probable first"""
 Corrections = dict[tuple[str, int], Correction]
 """of masks, carried to the frames beside: as the session's state has them"""
@@ -251,5 +252,5 @@ def find(job: BackgroundJob, run: TrackingRun, frame: int | None, fetch: bool) -
     result = find_first_poses(run, frame, job.should_stop, job.show_progress)
     if not job.should_stop():
         job.report(result)
-        for words in odd_side(result[0].given, run.session) if result else ():
+        for words in odd_side(FirstPose.of(result[0]), run.session) if result else ():
             job.report(words)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import scale_from, scale_table
+
+if TYPE_CHECKING:
+    from handtrack.tracking.find_pose import PoseEstimate
 
 _CONVENTION = "openpose21"
 _PARAMETERS_FORM = '{"frame": 0, "parameters": {"root_tx": 0.1, ...}}'
@@ -48,6 +51,14 @@ class FirstPose:
     """the hand's size that parameters were set with, where session.toml leaves it to be fitted."""
     confidence: float | None = None
     """how sure a pose is that the program found, 0 to 1; None: it was given"""
+
+    @classmethod
+    def of(cls, found: PoseEstimate) -> FirstPose:
+        """Return a pose that was found as init.json holds it."""
+        if found.points is not None:
+            return cls(found.frame, xyz=found.points, confidence=found.confidence)
+        values = found.model.named(found.model.joint_params(found.params))
+        return cls(found.frame, values, confidence=found.confidence)
 
 
 def read_first_pose(path: Path, parameter_names: Sequence[str] | None = None) -> FirstPose:

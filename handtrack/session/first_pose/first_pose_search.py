@@ -12,17 +12,17 @@ import numpy as np
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.observation.observation import Observation
-from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.first_pose_candidate import (
-    FirstPoseCandidate,
-    differs,
-    pose_in_space,
-    poses_by_joints,
-)
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.sources.keypoint_files import NO_JOINTS, of_model
-from handtrack.tracking.find_pose import SURE, spread_order
+from handtrack.tracking.find_pose import (
+    SURE,
+    PoseEstimate,
+    differs,
+    pose_in_space,
+    poses_by_joints,
+    spread_order,
+)
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.auto_start import Progress, auto_start
@@ -48,7 +48,7 @@ def find_first_poses(
     frame: int | range | None = None,
     should_stop: Callable[[], bool] | None = None,
     on_progress: Progress | None = None,
-) -> list[FirstPoseCandidate]:
+) -> list[PoseEstimate]:
     """Return first poses of one frame, the surest first; empty where no hand was found.
 
     Looks at joints on which two cameras agree, the session's or what the hand detector sees in the
@@ -75,13 +75,13 @@ def find_first_poses(
     stop = should_stop or (lambda: False)
     searches = _MOST_TRIED + (not _is_size_known(run))
 
-    def is_over(best: list[FirstPoseCandidate]) -> bool:
+    def is_over(best: list[PoseEstimate]) -> bool:
         sure = best and best[0].settled >= SURE and best[0].p_in_basin >= _KNOWN
         return stop() or bool(sure)
 
     def surer(
-        best: list[FirstPoseCandidate], seen: Observation, scale: HandScale, step: int
-    ) -> list[FirstPoseCandidate]:
+        best: list[PoseEstimate], seen: Observation, scale: HandScale, step: int
+    ) -> list[PoseEstimate]:
         """Return the poses of this frame, looked for with a hand of that size, or the best so far if they are surer."""
 
         def report_here(share: float, text: str) -> None:
@@ -91,14 +91,14 @@ def find_first_poses(
         worse = not found or (best and found[0].confidence <= best[0].confidence)
         return best if worse else found
 
-    best: list[FirstPoseCandidate] = []
+    best: list[PoseEstimate] = []
     best_observation: Observation | None = None
     for step, seen in enumerate(_candidate_observations(run, frame)):
         before, best = best, surer(best, seen, run.scale, step)
         best_observation = best_observation if best is before else seen
         if is_over(best):
             break
-    if best_observation is not None and not is_over(best) and best[0].given is not None:
+    if best_observation is not None and not is_over(best) and best[0].points is not None:
         # hands of another size are found where they are as large as that
         best = surer(best, best_observation, best[0].model.scale, _MOST_TRIED)
     report(1.0, "done")
@@ -173,14 +173,13 @@ def _looking(run: TrackingRun) -> Callable[[int], Observation]:
     return look
 
 
-def _of_size(row: FirstPoseCandidate, usual: float) -> FirstPoseCandidate:
+def _of_size(row: PoseEstimate, usual: float) -> PoseEstimate:
     """Return a pose of a hand that is not of the usual size with its joints in space, to which the size is fitted."""
     size = row.model.scale.overall / usual
     if abs(size - 1.0) <= _USUAL:
         return row
     joints = row.model.keypoints21(row.model.bones(row.params))
-    given = FirstPose(row.frame, xyz=joints)
-    return replace(row, given=given, note=f"{row.note}; {size:.2g} times the usual size")
+    return replace(row, points=joints, note=f"{row.note}; {size:.2g} times the usual size")
 
 
 def no_pose_error(run: TrackingRun) -> HandtrackError:
@@ -204,7 +203,7 @@ def _candidates_in(
     seen: Observation,
     should_stop: Callable[[], bool] | None,
     report: Progress,
-) -> list[FirstPoseCandidate]:
+) -> list[PoseEstimate]:
     known = _is_size_known(run)
     sigma, resize = (KNOWN_SIZE_SIGMA, None) if known else (SIZE_SIGMA, run.resized)
     models = (run if scale == run.scale else run.with_scale(scale)).whole_hands()
@@ -218,7 +217,7 @@ def _candidates_in(
     found = auto_start(models, run.settings, seen, should_stop, report, sigma, resize)
     if not found:
         return []
-    rows = [FirstPoseCandidate.of(candidate, seen.frame) for candidate in found]
+    rows = [PoseEstimate.of(candidate, seen.frame) for candidate in found]
     notes = [_fits(found[0]), *(differs(rows[0], row) for row in rows[1:])]
     usual = run.scale.overall
     noted = [replace(row, note=note) for row, note in zip(rows, notes, strict=True)]

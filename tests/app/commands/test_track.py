@@ -8,8 +8,7 @@ import pytest
 
 from handtrack import Session, Status, bundled_session, evaluate, load_model, read_npz
 from handtrack.model.pose_library import named_pose
-from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
+from handtrack.tracking.find_pose import PoseEstimate
 from handtrack_app.commands.terminal import track_options
 from tests.app.command_line import SIZE
 from tests.capture.mosaics import mosaic_of
@@ -91,9 +90,7 @@ def test_joints_of_the_other_hand_are_asked_about_before_anything_is_tracked(
     tracked = ("track", session, "--frames", "0:1", "--out", out)
     searched = (*tracked, "--init", "auto")
     points[0] = np.nan  # no camera shows the wrist
-    found = FirstPoseCandidate(
-        left, pose, 0.0, confidence=1.0, frame=0, given=FirstPose(0, xyz=points)
-    )
+    found = PoseEstimate(left, pose, 0.0, confidence=1.0, frame=0, points=points)
     monkeypatch.setattr(track_options, "find_first_poses", lambda *_: [found])
     for command in (tracked, searched, ("size", session)):
         refused = handtrack(*command)

@@ -8,8 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import HandScale, HandtrackError, load_model
-from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
+from handtrack.tracking.find_pose import PoseEstimate
 from handtrack.tracking.frame.result import Alternative
 from handtrack_app.engine import jobs
 from handtrack_app.engine.job_control import Guesses
@@ -28,7 +27,7 @@ def candidates(run, frame):
         params = run.model.rest_params()
         params[0] = place
         found.append(
-            FirstPoseCandidate(run.model, params, 1.0, confidence=share, frame=frame, note=words)
+            PoseEstimate(run.model, params, 1.0, confidence=share, frame=frame, note=words)
         )
     return found
 
@@ -45,8 +44,8 @@ def search(monkeypatch):
                 return []
         found = candidates(run, 5 if frame is None else frame)
         left = load_model(side="left")
-        other = FirstPose(8, xyz=left.keypoints21(left.bones(left.rest_params())))
-        return {8: [replace(found[0], given=other)], 9: []}.get(frame, found)
+        other = left.keypoints21(left.bones(left.rest_params()))
+        return {8: [replace(found[0], points=other)], 9: []}.get(frame, found)
 
     monkeypatch.setattr(jobs, "find_first_poses", find)
     yield go

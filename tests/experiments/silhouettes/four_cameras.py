@@ -85,7 +85,7 @@ def tracked_alone(session: Session, frames: range, settings: Mapping[str, object
     """Return a session tracked as `handtrack track SESSION --init auto` does, with settings that differ from its own."""
     look = TrackingRun.open(session, settings, use_init=False)
     first = find_first_poses(look, frames)[0]
-    run = TrackingRun.open(session, settings, first.first_pose)
+    run = TrackingRun.open(session, settings, FirstPose.of(first))
     frame, start = run.initial()
     told = Reporting()
     results = list(run.track(frames, frame, start, Control(observer=told)))

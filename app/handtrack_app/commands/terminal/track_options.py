@@ -13,7 +13,6 @@ from handtrack.errors import HandtrackError, listed_names
 from handtrack.model.model_file import load_model
 from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
-from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import (
     SURE,
     confirmed_by_tracking,
@@ -23,6 +22,7 @@ from handtrack.session.first_pose.first_pose_search import (
 from handtrack.session.layout import POSES_FILE, SESSION_FILE
 from handtrack.session.run import TrackingRun, poses_of_image_joints
 from handtrack.session.session import Session
+from handtrack.tracking.find_pose import PoseEstimate
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.commands.terminal.output import Stop, confirmed, output_file, print_status
@@ -232,7 +232,7 @@ def search_first_pose(
         raise no_pose_error(run)
     for line in described(result):
         print_status(line)
-    first = result[0].first_pose
+    first = FirstPose.of(result[0])
     ask_for_other_side(session, first, yes)
     if result[0].confidence >= SURE or yes:
         return first
@@ -267,11 +267,11 @@ def first_pose_of_images(
     result = poses_of_image_joints(session, settings, first)
     for line in described(result):
         print_status(line)
-    ask_for_other_side(session, result[0].first_pose, yes)
-    return result[0].first_pose
+    ask_for_other_side(session, FirstPose.of(result[0]), yes)
+    return FirstPose.of(result[0])
 
 
-def described(candidates: list[FirstPoseCandidate]) -> list[str]:
+def described(candidates: list[PoseEstimate]) -> list[str]:
     """Return lines that say what was found, how sure it is, and what else it may be."""
     best, others = candidates[0], candidates[1:]
     lines = [f"first pose: frame {best.frame}, {percent(best.confidence)} sure ({best.note})."]
