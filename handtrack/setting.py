@@ -12,10 +12,6 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 _KEY = "setting"
 
 
-class NotAcceptedError(ValueError):
-    """A value that a setting cannot have; the text says what was expected, such as `a number above 0`."""
-
-
 @dataclass(frozen=True)
 class Setting:
     """What is known of a setting. Name, kind and default are its field's; the rest is said in `setting(...)`."""
@@ -53,20 +49,20 @@ class Setting:
     """None, written `false`, switches off what it is about"""
 
     def accept(self, value: Any) -> Any:
-        """Return a value, or what stands for one in text, as its kind. Raises NotAcceptedError."""
+        """Return a value, or what stands for one in text, as its kind. Raises ValueError."""
         try:
             found = self._converted(value)
         except (TypeError, ValueError):
-            raise NotAcceptedError(f"a value of kind {self.kind_words}") from None
+            raise ValueError(f"a value of kind {self.kind_words}") from None
         if self.choices and found not in self.choices:
-            raise NotAcceptedError(f"one of {', '.join(self.choices)}")
+            raise ValueError(f"one of {', '.join(self.choices)}")
         if self.many and not found:
-            raise NotAcceptedError(self.range_words)
+            raise ValueError(self.range_words)
         if self.kind in (bool, str):
             return found
         numbers = found if self.many else (found,)
         if any(n < self.low or n <= self.above or n > self.high for n in numbers):
-            raise NotAcceptedError(self.range_words)
+            raise ValueError(self.range_words)
         return found
 
     @property

@@ -13,7 +13,7 @@ from handtrack.capture.clouds.disparity import StereoSettings
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import FULL, checked_table, read_table, shown
-from handtrack.setting import NotAcceptedError, Setting, declared
+from handtrack.setting import Setting, declared
 
 _CLOUD_SOURCES = ("files", "stereo", "depth")
 _STEREO = "stereo_"
@@ -168,9 +168,9 @@ def _accepted(known: Setting, value: Any, where: str) -> Any:
         return value
     try:
         if isinstance(value, str | bool) and known.kind is not str:
-            raise NotAcceptedError(known.range_words)
+            raise ValueError(known.range_words)
         return known.accept(value)
-    except NotAcceptedError as error:
+    except ValueError as error:
         shown = f'"{value}"' if isinstance(value, str) else str(value)
         shown = shown.lower() if isinstance(value, bool) else shown
         raise HandtrackError(f"{where}: {known.name} = {shown}; expected {error}.") from None

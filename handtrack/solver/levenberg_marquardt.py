@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -12,17 +11,9 @@ from handtrack.arrays import Floats, P
 from handtrack.model.limits import MovingLimits
 from handtrack.parallel import one_blas_thread
 from handtrack.solver.limited_step_kernels import bounded_step, clipped, stepped
+from handtrack.solver.problem import Problem
 from handtrack.solver.solver_settings import SolverSettings
 from handtrack.terms.bone_system import JointSystem
-
-
-class BoundedProblem(Protocol):
-    """What the loop needs of a problem; parameters are (P,)."""
-
-    @property
-    def limits(self) -> MovingLimits: ...
-
-    def linearize(self, params: Floats[P]) -> JointSystem: ...
 
 
 @dataclass(frozen=True)
@@ -47,7 +38,7 @@ same place doubles that (Nielsen 1999)"""
 
 @one_blas_thread
 def solve(
-    problem: BoundedProblem,
+    problem: Problem,
     params: Floats[P],
     settings: SolverSettings | None = None,
     should_stop: Callable[[], bool] | None = None,

@@ -6,7 +6,7 @@ from typing import Literal
 import pytest
 
 from handtrack import TrackerSettings
-from handtrack.setting import NotAcceptedError, declared, setting
+from handtrack.setting import declared, setting
 
 
 def test_strings_are_read_as_their_kind():
@@ -66,5 +66,5 @@ def test_a_value_is_within_its_bounds(name, good, bad):
     for value in good:
         known.accept(value)
     for value in bad:
-        with pytest.raises(NotAcceptedError):
+        with pytest.raises(ValueError, match=r"\w"):
             known.accept(value)

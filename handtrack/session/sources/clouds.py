@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +24,16 @@ from handtrack.session.sources.views import View
 _TRIED = 5  # files, until one can be read
 
 
-class CloudSource(ABC):
-    """Measured clouds by frame, before any filter. Safe to read from several threads."""
+class CloudSource:
+    """Measured clouds by frame, before any filter: those of its parts merged. Safe to read from several threads."""
 
     def __init__(
-        self, cameras_needed: tuple[Floats[K, D3], ...], names: tuple[str, ...] = ()
+        self,
+        cameras_needed: tuple[Floats[K, D3], ...],
+        names: tuple[str, ...] = (),
+        parts: Sequence[Callable[[int], PointCloud | None]] = (),
     ) -> None:
+        self._parts = parts
         self.names = names
         """of the session's cameras whose images are measured; none where clouds are read from files"""
         self.cameras_needed = cameras_needed
@@ -42,22 +46,9 @@ class CloudSource(ABC):
         """What was odd so far, in plain sentences; what was odd about images is said by their views."""
         return []
 
-    @abstractmethod
     def read(self, frame: int) -> PointCloud | None:
         """Return the frame's cloud in the world frame; None where none was taken."""
-
-
-class DepthClouds(CloudSource):
-    """Clouds from depth cameras, merged; where a camera has masks, only their pixels."""
-
-    def __init__(self, views: tuple[View, ...]) -> None:
-        super().__init__(
-            tuple(view.camera.centre[None] for view in views), tuple(view.name for view in views)
-        )
-        self._views = views
-
-    def read(self, frame: int) -> PointCloud | None:
-        clouds = [cloud for view in self._views if (cloud := _depth_cloud(view, frame)) is not None]
+        clouds = [cloud for part in self._parts if (cloud := part(frame)) is not None]
         return merged(clouds) if clouds else None
 
 
@@ -72,6 +63,7 @@ class StereoClouds(CloudSource):
         super().__init__(
             tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b in pairs),
             tuple(view.name for pair in pairs for view in pair),
+            [partial(self._read, index) for index in range(len(pairs))],
         )
         # along level lines mosaics are interpolated at the real coordinates that rectification asks for
         by_level_lines = [
@@ -91,14 +83,6 @@ class StereoClouds(CloudSource):
             met = [text for _, text in sorted(self._met.items())]
         lengths = (_length_warning(a, b) for a, b, _ in self._pairs)
         return [*filter(None, (*lengths, *met))]
-
-    def read(self, frame: int) -> PointCloud | None:
-        clouds = [
-            cloud
-            for index in range(len(self._pairs))
-            if (cloud := self._read(index, frame)) is not None
-        ]
-        return merged(clouds) if clouds else None
 
     def _read(self, index: int, frame: int) -> PointCloud | None:
         first, second, matcher = self._pairs[index]
@@ -189,6 +173,7 @@ def _length_warning(first: View, second: View) -> str:
 
 
 def _depth_cloud(view: View, frame: int) -> PointCloud | None:
+    """Return a depth camera's cloud; where it has masks, only of their pixels."""
     depth = view.depth_m(frame)
     if depth is None:
         return None
@@ -204,7 +189,12 @@ def cloud_source(
         return None
     by_name = {view.name: view for view in views}
     if settings.depth:
-        return DepthClouds(tuple(by_name[name] for name in settings.depth))
+        chosen = [by_name[name] for name in settings.depth]
+        return CloudSource(
+            tuple(view.camera.centre[None] for view in chosen),
+            settings.depth,
+            [partial(_depth_cloud, view) for view in chosen],
+        )
     if settings.stereo:
         pairs = tuple((by_name[first], by_name[second]) for first, second in settings.stereo)
         return StereoClouds(pairs, settings.matching)

@@ -8,7 +8,7 @@ from functools import reduce
 from typing import Any, Literal
 
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.setting import NotAcceptedError, Setting, declared, setting
+from handtrack.setting import Setting, declared, setting
 from handtrack.solver.solver_settings import SolverSettings
 from handtrack.tracking.frame.methods import METHODS, Traits
 
@@ -491,7 +491,7 @@ class TrackerSettings:
 def _accepted(name: str, value: Any) -> Any:
     try:
         return SETTINGS[name].accept(value)
-    except NotAcceptedError as error:
+    except ValueError as error:
         raise HandtrackError(f"setting '{name}': expected {error}, found {value!r}.") from None
 
 
