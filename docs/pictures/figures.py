@@ -45,7 +45,7 @@ def draw_model(model: ArticulatedModel) -> Any:
 
 def draw_flips(scene: JumpScene) -> Any:
     """Return all minima that KJS1 finds in one scene: alike in the image, different from the side."""
-    found = scene.polished(scene.tree(KJS1).params).params
+    found = scene.polished(scene.tree(KJS1)).params
     figure, (image, side, above) = pyplot().subplots(1, 3, figsize=(9, 3.6))
     for params in [*found, scene.start]:
         at_start = params is scene.start

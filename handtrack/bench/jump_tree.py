@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats, P
+from handtrack.arrays import Floats, P, indices
 from handtrack.bench.measuring import alternating_medians
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -37,10 +37,10 @@ def jump_tree_1024() -> dict[str, Any]:
     standing = body.rest_params()
 
     def ours() -> Floats:
-        return interpretation_tree(model, params, [chain], camera).params
+        return interpretation_tree(model, params, [chain], camera)
 
     def whole_body() -> Floats:
-        return interpretation_tree(body, standing, limbs, camera).params
+        return interpretation_tree(body, standing, limbs, camera)
 
     def reference() -> list[list[float]]:
         return leaves_one_by_one(model, params, chain, camera)
@@ -114,10 +114,12 @@ def leaves_one_by_one(
 ) -> list[list[float]]:
     """Return the leaves' parameters by the plain loop. The tentacle's zero pose has all frames parallel to the world."""
     bones = model.bones(params)
-    start = tuple(float(x) for x in bones.to_world(chain.start_bone, chain.start_point))
+    first, *ends = indices(model.joint_names, chain.joints)
+    places = model.joint_positions(bones)
+    start = tuple(float(x) for x in places[first])
     carrier = [[float(x) for x in row] for row in bones.rotation[chain.carrier]]
     centre = tuple(float(x) for x in camera.centre)
-    directions = camera.rays(camera.project(model.joint_positions(bones)))[chain.end_joints]
+    directions = camera.rays(camera.project(places))[ends]
     directions = [tuple(float(x) for x in ray) for ray in directions]
     axes = [
         [tuple(float(x) for x in chain.turns.axes[h]) for h in chain.hinges(i)]

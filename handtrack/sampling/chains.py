@@ -36,9 +36,6 @@ class Chain:
     """the bone that carries the chain: parent of the first hinge's bone"""
     carrier_zero: Floats[D3, D3]
     """its rotation at the zero pose"""
-    start_bone: int
-    start_point: Floats[D3]
-    """where the chain's first joint is, in that bone's frame [m]"""
     base_columns: Ints[M]
     """the joint parameters of all hinges before the chain"""
     columns: Ints[K]
@@ -49,8 +46,6 @@ class Chain:
     joint of the chain"""
     reach: Floats[L, D3]
     """from a link's start to its end at the zero pose [m]"""
-    end_joints: Ints[L]
-    """index of each link's end among the model's joints"""
 
     @property
     def own(self) -> Array[K]:
@@ -123,21 +118,17 @@ def chain_along(model: ArticulatedModel, name: str, joints: Sequence[str]) -> Ch
     leader, ratio = _led(matrix, columns, link)
     carrier = int(skeleton.parent[bone[0]])
     before = 6 + skeleton.hinges_above(carrier)
-    start = int(places[0])
     return Chain(
         name=name,
         joints=tuple(joints),
         parameters=tuple(model.transform.names[p] for p in own),
         carrier=carrier,
         carrier_zero=zero.rotation[carrier],
-        start_bone=int(model.joint_bone[start]),
-        start_point=model.joint_point[start],
         base_columns=np.concatenate([before, columns[link < 0]]),
         columns=columns,
         turns=Turns(axes, leader, ratio, model.limits.interval[columns]),
         link=link,
         reach=np.diff(points[places], axis=0),
-        end_joints=places[1:],
     )
 
 

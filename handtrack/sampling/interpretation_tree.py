@@ -22,6 +22,7 @@ from handtrack.arrays import (
     S,
     array_dataclass,
     check_shape,
+    indices,
 )
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
@@ -66,7 +67,9 @@ def rooted(
 ) -> Branches:
     """Return a branch for each pose that holds only the chain's first joint."""
     rotation = np.stack([bones.rotation[chain.carrier] for bones in poses]) @ chain.carrier_zero.T
-    end = np.stack([bones.to_world(chain.start_bone, chain.start_point) for bones in poses])
+    first = model.joint_names.index(chain.joints[0])
+    bone, point = model.joint_bone[first], model.joint_point[first]
+    end = np.stack([bones.to_world(bone, point) for bones in poses])
     angles = np.ascontiguousarray(joint_params[:, chain.columns])
     for h in chain.hinges(-1):  # these move the first joint: they stay as they are
         rotation = rotation @ rotation_matrix(angles[:, h, None] * chain.turns.axes[h])
@@ -117,21 +120,6 @@ MOVED_RAD = 0.2
 """an angle by which a flip in depth differs at least from the pose"""
 
 
-@array_dataclass
-class InterpretationTree:
-    """The leaves of a tree, L poses."""
-
-    params: Floats[L, P]
-    """solver parameters"""
-    far: Array[L, K]
-    """(L, links) whether a link's end is at the farther of its two depths, chain after chain"""
-    exact: Array[L]
-    """whether every joint of the chains is on its viewing ray, within limits"""
-
-    def __len__(self) -> int:
-        return len(self.params)
-
-
 def interpretation_tree(
     model: ArticulatedModel,
     params: Floats[P],
@@ -140,7 +128,7 @@ def interpretation_tree(
     targets_px: Floats[J, D2] | None = None,
     take_nearest: bool = False,
     rng: np.random.Generator | None = None,
-) -> InterpretationTree:
+) -> Floats[L, P]:
     """Return all poses that differ from `params` by forwards/backwards flips along chains. 2003 paper, §3.
 
     For each link the sphere about its start, as large as the link is long, is pierced by the viewing ray of
@@ -166,7 +154,6 @@ def interpretation_tree(
         pixels = np.where(np.isfinite(targets_px).all(axis=1, keepdims=True), targets_px, pixels)
     rays = camera.rays(pixels)
     leaves = joint[None]
-    far, exact = np.empty((1, 0), dtype=bool), np.ones(1, dtype=bool)
     for number, chain in enumerate(chains):
         carried = _is_carried(chain, chains[:number])
         given = leaves if carried else joint[None]
@@ -178,9 +165,7 @@ def interpretation_tree(
             branch = np.tile(branch, len(leaves))
         leaves = leaves[row]
         leaves[:, chain.columns[chain.own]] = branches.angles[branch][:, chain.own]
-        far = np.concatenate([far[row], branches.choice[branch] > 0], axis=1)
-        exact = exact[row] & branches.exact[branch]
-    return InterpretationTree(_solver_params(model.transform, leaves, params), far, exact)
+    return _solver_params(model.transform, leaves, params)
 
 
 def chain_flips(
@@ -199,9 +184,9 @@ def chain_flips(
         By how much some angle of a flip differs at least [rad]; a link that lies across the line of
         sight has none.
     """
-    tree = interpretation_tree(model, params, [chain], camera, take_nearest=True)
-    moved = np.abs(tree.params - params).max(axis=1) > least_rad
-    flips = [model.clipped(leaf) for leaf in tree.params[moved]]
+    leaves = interpretation_tree(model, params, [chain], camera, take_nearest=True)
+    moved = np.abs(leaves - params).max(axis=1) > least_rad
+    flips = [model.clipped(leaf) for leaf in leaves[moved]]
     return np.array(flips).reshape(-1, len(params))
 
 
@@ -221,7 +206,7 @@ def _chain_leaves(
     if rng is not None:
         low, high = np.clip(chain.turns.interval.T, -np.pi, np.pi)
         spare = rng.uniform(low, high, size=spare.shape)
-    for link, end in enumerate(chain.end_joints):
+    for link, end in enumerate(indices(model.joint_names, chain.joints[1:])):
         length = float(np.linalg.norm(chain.reach[link]))
         count = len(branches.end)
         points = np.empty((count, 2, 3))

@@ -58,7 +58,7 @@ def joints_of_body(pose, *cameras, off_px=np.zeros(2), sigma_px=10.0):
 def _flipped(pose):
     """Return the pose with its left arm flipped as far as it goes."""
     chain = chain_along(BODY, "arm", ("left_shoulder", "left_elbow", "left_wrist"))
-    leaves = interpretation_tree(BODY, pose, [chain], FRONT).params
+    leaves = interpretation_tree(BODY, pose, [chain], FRONT)
     places = [places_of(leaf)[WRIST] for leaf in leaves]
     far = np.linalg.norm(places - places_of(pose)[WRIST], axis=1)
     return leaves[int(far.argmax())]

@@ -14,7 +14,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.sampling.chains import Chain, chains_of
-from handtrack.sampling.interpretation_tree import InterpretationTree, interpretation_tree
+from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.polish import Polished, polish
 from handtrack.solver.covariance import covariance
 from handtrack.terms.collision import CollisionTerm
@@ -66,7 +66,7 @@ class JumpScene:
         targets[indices(self.model.joint_names, self.observed.names)] = self.observed.pixels
         return targets
 
-    def tree(self, limbs: Sequence[str]) -> InterpretationTree:
+    def tree(self, limbs: Sequence[str]) -> Floats[N, P]:
         """Return all flips of limbs at the start that put the seen joints where they are seen."""
         chains = [limb_chains(self.model)[name] for name in limbs]
         return interpretation_tree(self.model, self.start, chains, self.camera, self.targets)

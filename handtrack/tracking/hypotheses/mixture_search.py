@@ -178,7 +178,7 @@ class FirstHypotheses(MixtureObjective):
             assert normal is not None
             leaves = interpretation_tree(
                 self.model, here, self.chains, *self.reference, True, self.rng
-            ).params
+            )
             if len(leaves) > _LEAVES:
                 leaves = leaves[self.rng.choice(len(leaves), _LEAVES, replace=False)]
             around = covariance_scaled(
@@ -321,7 +321,7 @@ class NextHypotheses(MixtureObjective):
                 self.rng,
             )
             if len(tree):
-                leaves.setdefault((int(i), c), []).append(tree.params)
+                leaves.setdefault((int(i), c), []).append(tree)
         return {key: np.concatenate(found) for key, found in sorted(leaves.items())}
 
 

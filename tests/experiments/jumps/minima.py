@@ -60,7 +60,7 @@ def table(scene: JumpScene, samples: int) -> list[Row]:
     equal = len(scene.tree(KJS1))
     jumps = {"KJS1": KJS1, "KJS2": KJS2, "KJS all": ("neck", *LIMBS)}
     rows = [
-        row(name, scene, lambda limbs=limbs: scene.tree(limbs).params, equal)
+        row(name, scene, lambda limbs=limbs: scene.tree(limbs), equal)
         for name, limbs in jumps.items()
     ]
     values = np.linalg.eigvalsh(scene.covariance)
@@ -87,7 +87,7 @@ def different_share(limbs: Sequence[str], poses: int) -> float:
     leaves = different = 0
     for seed in range(poses):
         scene = jump_scene(seed)
-        starts = scene.tree(limbs).params
+        starts = scene.tree(limbs)
         if len(starts):  # where the start is at a limit, noise can leave none
             ends = scene.polished(starts)
             good = ends.is_minimum
@@ -100,7 +100,7 @@ def different_share(limbs: Sequence[str], poses: int) -> float:
 def jumps() -> dict[str, Any]:
     """Return how many minima each finds, and how many more a second jumps find than random samples."""
     scene = full_scene()
-    scene.polished(scene.tree(KJS1).params)  # compiled before anything is timed
+    scene.polished(scene.tree(KJS1))  # compiled before anything is timed
     rows = table(scene, SAMPLES)
     jump = rows[0]
     fastest = max(one.minima / one.seconds for one in rows if one.name == "CSS")
