@@ -39,7 +39,7 @@ from handtrack.session.ineffective_settings import ineffective_settings
 from handtrack.session.session import Session
 from handtrack.session.sources.joint_errors import joint_sigma_px
 from handtrack.session.sources.keypoint_files import of_model
-from handtrack.session.sources.prefetch import Prefetch
+from handtrack.session.sources.prefetch import prefetching
 from handtrack.tracking.find_pose import PoseEstimate, pose_in_space
 from handtrack.tracking.frame.confidence import FrameConfidence, OutlineFit, assess, outline_fit
 from handtrack.tracking.frame.control import Control, Observer
@@ -371,13 +371,10 @@ class TrackingRun:
     ) -> Iterator[FrameResult]:
         """Yield results in the order of tracking; see tracking.sequence.track_recording. done: gone on from, if given."""
         on_the_way = range(min(frames.start, start_frame), max(frames.stop, start_frame + 1))
-        observe = Prefetch(self.observation, self._prepare, on_the_way, start_frame)
-        try:
+        with prefetching(self.observation, self._prepare, on_the_way, start_frame) as observe:
             yield from track_recording(
                 self.tracker, observe, start_frame, start_params, frames, control, done
             )
-        finally:
-            observe.close()
 
     def refined(
         self,

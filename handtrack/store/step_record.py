@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Array, Axes
+from handtrack.arrays import Array
 from handtrack.store.record import Record
 from handtrack.tracking.frame.motion_belief import MotionBelief
 from handtrack.tracking.frame.reason import Reason
@@ -31,21 +31,19 @@ _Content = tuple[dict[str, Any], bytes]
 
 def step_content(step: Step) -> _Content:
     """Return what a record of a tracked frame holds."""
-    packed = _Packed()
-    data = _of_result(step.result, packed)
-    packed.add("belief", step.belief)
+    data, arrays = _of_result(step.result)
+    arrays["belief"] = step.belief
     moving = step.result.alternatives[: len(step.beliefs)]
     data["hypotheses"] = [[float(one.energy), float(one.weight), one.origin] for one in moving]
     for number, belief in enumerate(step.beliefs):
         for name, field in _BELIEF.items():
-            packed.add(f"hypothesis{number}.{name}", getattr(belief, field))
-    return packed.content(data)
+            arrays[f"hypothesis{number}.{name}"] = getattr(belief, field)
+    return _packed(data, arrays)
 
 
 def result_content(result: FrameResult) -> _Content:
     """Return what a record of a frame holds that nothing is tracked on from."""
-    packed = _Packed()
-    return packed.content(_of_result(result, packed))
+    return _packed(*_of_result(result))
 
 
 def read_result(record: Record) -> FrameResult:
@@ -63,23 +61,16 @@ def read_step(record: Record) -> Step:
     return Step(_result(data, arrays), arrays.get("belief"), beliefs)
 
 
-class _Packed:
-    """Arrays of floats by name, one after another. Their order in memory is kept: sums depend on it."""
-
-    def __init__(self) -> None:
-        self._heads: list[list[object]] = []
-        self._parts: list[bytes] = []
-
-    def add(self, name: str, array: Array[*Axes] | None) -> None:
-        if array is None:
-            return
-        columns = array.flags.f_contiguous and not array.flags.c_contiguous
-        rows = array.T if columns else array
-        self._heads.append([name, "F" if columns else "C", *array.shape])
-        self._parts.append(np.ascontiguousarray(rows, dtype="<f8").tobytes())
-
-    def content(self, data: dict[str, Any]) -> _Content:
-        return data | {"arrays": self._heads}, b"".join(self._parts)
+def _packed(data: dict[str, Any], arrays: Mapping[str, Array | None]) -> _Content:
+    """Return data with arrays of floats by name, one after another. Their order in memory is kept: sums depend on it."""
+    heads, parts = list[list[object]](), list[bytes]()
+    for name, array in arrays.items():
+        if array is not None:
+            columns = array.flags.f_contiguous and not array.flags.c_contiguous
+            rows = array.T if columns else array
+            heads.append([name, "F" if columns else "C", *array.shape])
+            parts.append(np.ascontiguousarray(rows, dtype="<f8").tobytes())
+    return data | {"arrays": heads}, b"".join(parts)
 
 
 def _arrays(record: Record, passed_over: tuple[str, ...] = ()) -> dict[str, Array]:
@@ -93,7 +84,8 @@ def _arrays(record: Record, passed_over: tuple[str, ...] = ()) -> dict[str, Arra
     return found
 
 
-def _of_result(result: FrameResult, packed: _Packed) -> dict[str, Any]:
+def _of_result(result: FrameResult) -> tuple[dict[str, Any], dict[str, Array | None]]:
+    arrays = dict[str, Array | None]()
     data: dict[str, Any] = {
         "energies": {name: float(value) for name, value in result.energies.items()},
         "reason": None if result.reason is None else asdict(result.reason),
@@ -103,12 +95,12 @@ def _of_result(result: FrameResult, packed: _Packed) -> dict[str, Any]:
     }
     for name in (name for name in FIELDS if name not in data):
         if COLUMNS[name].axes:
-            packed.add(name, getattr(result, name))
+            arrays[name] = getattr(result, name)
         else:
             data[name] = COLUMNS[name].kind(getattr(result, name))
     for number, pose in enumerate(result.alternatives):
-        packed.add(f"alternative{number}", pose.parameters)
-    return data
+        arrays[f"alternative{number}"] = pose.parameters
+    return data, arrays
 
 
 def result_head(data: Mapping[str, Any], owner: type[FrameHead] = FrameHead) -> dict[str, Any]:
