@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D2, Array, Axes, Bytes, Floats, H, Ints, N, W
-from handtrack.capture.calibration.boards import Board, CharucoBoard, Chessboard
+from handtrack.capture.calibration.boards import Board
 from handtrack.capture.images.frames import FrameSource
 from handtrack.errors import HandtrackError
 
@@ -54,7 +54,7 @@ def find_board(
     gray: Bytes = (
         image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
     )
-    is_charuco = isinstance(board, CharucoBoard)
+    is_charuco = bool(board.dictionary)
     found = _find_charuco(gray, board) if is_charuco else _find_chessboard(gray, board, thorough)
     if found is None:
         return None
@@ -63,7 +63,7 @@ def find_board(
     return BoardView(frame, ids, pixels, _blur(gray, board, ids, pixels), source, goes_on)
 
 
-def _find_charuco(gray: Bytes, board: CharucoBoard) -> tuple[Ints, Floats] | None:
+def _find_charuco(gray: Bytes, board: Board) -> tuple[Ints, Floats] | None:
     corners, ids, *_ = cv2.aruco.CharucoDetector(board.cv2_board).detectBoard(gray)
     if ids is None or len(ids) < _LEAST_CORNERS:
         return None
@@ -78,7 +78,7 @@ def _find_charuco(gray: Bytes, board: CharucoBoard) -> tuple[Ints, Floats] | Non
     return numbers, _refined(gray, pixels, side * _free(board))
 
 
-def _find_chessboard(gray: Bytes, board: Chessboard, thorough: bool) -> tuple[Ints, Floats] | None:
+def _find_chessboard(gray: Bytes, board: Board, thorough: bool) -> tuple[Ints, Floats] | None:
     size = (board.columns, board.rows)
     half = max(gray.shape) > _LARGE
     searched = cv2.pyrDown(gray) if half else gray
@@ -98,7 +98,7 @@ def _find_chessboard(gray: Bytes, board: Chessboard, thorough: bool) -> tuple[In
 
 def _free(board: Board) -> float:
     """Return how far from a corner there is nothing but its own edges, as a share of the square."""
-    if isinstance(board, CharucoBoard):
+    if board.dictionary:
         return 0.45 * (1 - board.marker_m / board.square_m)
     return 0.35
 
@@ -148,7 +148,7 @@ def _black_first(gray: Bytes, grid: Floats) -> bool:
     return bool(value[like_first].mean() < value[~like_first].mean())
 
 
-def _goes_on(gray: Bytes, board: Chessboard, pixels: Floats) -> bool:
+def _goes_on(gray: Bytes, board: Board, pixels: Floats) -> bool:
     """Whether squares alternate beyond the outer ones, on some side; a detector may find a part of a
     larger board at a smaller size."""
     columns, rows = board.columns, board.rows
@@ -431,14 +431,14 @@ def require_views(
         )
     advice = (
         "The whole board with its white border must be seen, sharp and lit evenly; the size counts inner corners."
-        if isinstance(board, Chessboard)
+        if not board.dictionary
         else "At least eight corners must be seen, sharp; check squares, dictionary and that the print is not mirrored."
     )
     raise HandtrackError(f"{text} {advice}")
 
 
-def _other_size(board: Board, images: Sequence[Array]) -> Chessboard | None:
-    if isinstance(board, CharucoBoard):
+def _other_size(board: Board, images: Sequence[Array]) -> Board | None:
+    if board.dictionary:
         return None
     c, r = board.columns, board.rows
     likely = [(c - 1, r - 1), (c + 1, r + 1), (c - 1, r), (c, r - 1), (c + 1, r), (c, r + 1)]
@@ -457,7 +457,7 @@ def _other_size(board: Board, images: Sequence[Array]) -> Chessboard | None:
     ]
     for columns, rows in dict.fromkeys(likely + common):
         if min(columns, rows) >= 3 and (columns, rows) != (c, r):
-            other = Chessboard(columns, rows, board.square_m)
+            other = Board(columns, rows, board.square_m)
             found = [find_board(image, other) for image in images]
             if any(view is not None and not view.goes_on for view in found):
                 return other

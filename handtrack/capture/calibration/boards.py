@@ -27,63 +27,29 @@ EXAMPLES = "chessboard:9x6:25mm (inner corners) or charuco:7x5:30mm:22mm:DICT_4X
 
 
 @dataclass(frozen=True)
-class Chessboard:
-    """A chessboard of columns x rows inner corners; its square at the upper left is black."""
+class Board:
+    """A chessboard of columns x rows inner corners, its square at the upper left black; or, with a dictionary, a ChArUco board of
+    columns x rows squares, with an ArUco marker in each white one.
+    """
 
     columns: int
     rows: int
     square_m: float
+    marker_m: float = 0.0
+    dictionary: str = ""
 
     @property
     def text(self) -> str:
-        return f"chessboard:{self.columns}x{self.rows}:{_millimetres(self.square_m)}"
+        start = f"{self.columns}x{self.rows}:{_millimetres(self.square_m)}"
+        if not self.dictionary:
+            return f"chessboard:{start}"
+        return f"charuco:{start}:{_millimetres(self.marker_m)}:{self.dictionary}"
 
     @property
     def squares(self) -> tuple[int, int]:
         """Columns and rows of squares, the outer ones included."""
-        return self.columns + 1, self.rows + 1
-
-    @cached_property
-    def points(self) -> Floats[N, D3]:
-        """(columns * rows, 3) inner corners row by row, board frame [m]."""
-        row, column = np.mgrid[: self.rows, : self.columns]
-        grid = np.stack([column, row, np.zeros_like(row)], axis=-1)
-        return grid.reshape(-1, 3) * self.square_m
-
-    @cached_property
-    def turns(self) -> tuple[Ints[N], ...]:
-        """Renumberings of the corners that look the same as the board in colour and shape.
-
-        Turned by it, corner i of what is seen is corner `turn[i]` of the board. The first is the
-        identity; more than one means the board does not tell how it is turned.
-        """
-        numbers = np.arange(self.columns * self.rows).reshape(self.rows, self.columns)
-        # quarter turns after which the first inner square is black again
-        kept = (0, 2) if (self.columns + self.rows) % 2 == 0 else (0,)
-        if self.columns == self.rows and self.rows % 2 == 0:
-            kept = range(4)
-        return tuple(np.rot90(numbers, k).reshape(-1) for k in kept)
-
-
-@dataclass(frozen=True)
-class CharucoBoard:
-    """A chessboard of columns x rows squares with an ArUco marker in each white one."""
-
-    columns: int
-    rows: int
-    square_m: float
-    marker_m: float
-    dictionary: str
-
-    @property
-    def text(self) -> str:
-        sizes = f"{_millimetres(self.square_m)}:{_millimetres(self.marker_m)}"
-        return f"charuco:{self.columns}x{self.rows}:{sizes}:{self.dictionary}"
-
-    @property
-    def squares(self) -> tuple[int, int]:
-        """Columns and rows of squares."""
-        return self.columns, self.rows
+        outer = 0 if self.dictionary else 1
+        return self.columns + outer, self.rows + outer
 
     @property
     def cv2_dictionary(self) -> Any:
@@ -96,34 +62,45 @@ class CharucoBoard:
 
     @cached_property
     def points(self) -> Floats[N, D3]:
-        """((columns − 1) (rows − 1), 3) inner corners by their number, board frame [m]."""
-        corners = self.cv2_board.getChessboardCorners()
-        return np.array(corners, dtype=float).reshape(-1, 3)
+        """(N, 3) inner corners by their number, of a chessboard row by row, board frame [m]."""
+        if self.dictionary:
+            return np.array(self.cv2_board.getChessboardCorners(), dtype=float).reshape(-1, 3)
+        row, column = np.mgrid[: self.rows, : self.columns]
+        grid = np.stack([column, row, np.zeros_like(row)], axis=-1)
+        return grid.reshape(-1, 3) * self.square_m
 
-    @property
+    @cached_property
     def turns(self) -> tuple[Ints[N], ...]:
-        """The identity alone: markers tell how the board is turned."""
-        return (np.arange(len(self.points)),)
+        """Renumberings of the corners that look the same as the board in colour and shape.
 
-
-Board = Chessboard | CharucoBoard
+        Turned by it, corner i of what is seen is corner `turn[i]` of the board. The first is the
+        identity; more than one means the board does not tell how it is turned, as markers do.
+        """
+        if self.dictionary:
+            return (np.arange(len(self.points)),)
+        numbers = np.arange(self.columns * self.rows).reshape(self.rows, self.columns)
+        # quarter turns after which the first inner square is black again
+        kept = (0, 2) if (self.columns + self.rows) % 2 == 0 else (0,)
+        if self.columns == self.rows and self.rows % 2 == 0:
+            kept = range(4)
+        return tuple(np.rot90(numbers, k).reshape(-1) for k in kept)
 
 
 def parse_board(text: str) -> Board:
     """Return the board that a text describes. Raises HandtrackError saying what was expected."""
     kind, *parts = text.strip().split(":")
     if kind == "chessboard" and len(parts) == 2:
-        return Chessboard(*_counts(parts[0], text), _length(parts[1], text))
+        return Board(*_counts(parts[0], text), _length(parts[1], text))
     if kind == "charuco" and len(parts) == 4:
         square, marker = (_length(part, text) for part in parts[1:3])
         columns, rows = _counts(parts[0], text)
-        board = CharucoBoard(columns, rows, square, marker, parts[3].upper())
+        board = Board(columns, rows, square, marker, parts[3].upper())
         _check_markers(board, text)
         return board
     raise HandtrackError(f"board '{text}': expected {EXAMPLES}.")
 
 
-def _check_markers(board: CharucoBoard, text: str) -> None:
+def _check_markers(board: Board, text: str) -> None:
     known = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
     if board.dictionary not in known:
         raise unknown_name("marker dictionary", board.dictionary, known, f"board '{text}'")
@@ -217,7 +194,7 @@ def black_rectangles(board: Board) -> Floats[R, D4]:
         for c in range(columns)
         if (r + c) % 2 == 0
     ]
-    if isinstance(board, CharucoBoard):
+    if board.dictionary:
         cells += _marker_rectangles(board, margin)
     return np.array(cells)
 
@@ -236,7 +213,7 @@ def _margin_mm(board: Board) -> float:
     return max(_MARGIN_MM, 0.5 * board.square_m * 1e3)
 
 
-def _marker_rectangles(board: CharucoBoard, margin: float) -> list[tuple[float, ...]]:
+def _marker_rectangles(board: Board, margin: float) -> list[tuple[float, ...]]:
     """Return the black bits of all markers, neighbours in a row joined so that no hair lines show."""
     found: list[tuple[float, ...]] = []
     dictionary = board.cv2_dictionary

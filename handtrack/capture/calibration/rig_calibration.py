@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from handtrack.arrays import D2, D3, D4, Array, C, Floats, K, N
 from handtrack.capture.calibration.board_views import BoardView, CameraViews, choose_views
-from handtrack.capture.calibration.boards import Board, CharucoBoard
+from handtrack.capture.calibration.boards import Board
 from handtrack.capture.calibration.bundle_adjustment import (
     LENS,
     Corners,
@@ -307,7 +307,7 @@ def _warnings(board: Board, fits: Sequence[_LensFit], refined: Refined) -> Itera
         )
     if not refined.converged:
         yield ("the refinement stopped before it had converged; treat the numbers with care.")
-    if isinstance(board, CharucoBoard) and board.rows % 2 == 0:
+    if board.dictionary and board.rows % 2 == 0:
         yield (
             "ChArUco boards with an even number of rows were printed otherwise by OpenCV before 4.6; "
             "if few corners were found, print the board anew with `handtrack calibrate --out board.pdf`."
