@@ -13,6 +13,7 @@ import numpy as np
 
 from handtrack.arrays import D2, D3, Axes, Floats, H, K, W, array_dataclass, pixel_grid
 from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
 from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
 from handtrack.geometry.rotation import looking_along, rotation_matrix
 
@@ -89,6 +90,11 @@ class SourceLens:
             [around * np.sin(angle)[..., None], np.cos(angle)[..., None]], axis=-1
         )
 
+    def source(self, view: Camera) -> Floats[H, W, D2]:
+        """Return the pixel (H, W, 2) of the lens's image that each pixel of a view shows, of one of `pinhole_views`; NaN where none does."""
+        pixels = np.dstack([pixel_grid(view.size), np.ones(view.size[::-1])])
+        return self.project(pixels @ np.linalg.inv(view.matrix).T @ view.rotation)
+
     @property
     def _widest(self) -> float:
         """The angle [rad] up to which the polynomial increases, at most 180°."""
@@ -109,32 +115,11 @@ class SourceLens:
         return 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)))
 
 
-@array_dataclass
-class PinholeView:
-    """A pinhole at the same place as a lens, turned from it."""
-
-    size: tuple[int, int]
-    matrix: Floats[D3, D3]
-    rotation: Floats[D3, D3]
-    """R_view_lens"""
-
-    def pixels(self, directions: Floats[*Axes, D3]) -> Floats[*Axes, D2]:
-        """Return the view's pixels of directions in the lens's frame; NaN behind it."""
-        turned = directions @ self.rotation.T
-        ahead = np.where(turned[..., 2:] > 0, turned[..., 2:], np.nan)
-        return turned[..., :2] / ahead @ self.matrix[:2, :2].T + self.matrix[:2, 2]
-
-    def source(self, lens: SourceLens) -> Floats[H, W, D2]:
-        """Return the pixel (H, W, 2) of the lens's image that each of the view's pixels shows; NaN where none does."""
-        pixels = np.dstack([pixel_grid(self.size), np.ones(self.size[::-1])])
-        return lens.project(pixels @ np.linalg.inv(self.matrix).T @ self.rotation)
-
-
 def pinhole_views(
-    lens: SourceLens, region: tuple[float, float, float, float] | None = None
-) -> tuple[PinholeView, ...]:
-    """Return the pinholes through which a lens's images are tracked: one, or tiles from left to
-    right and top to bottom where what they are to show is wider than 100°.
+    name: str, lens: SourceLens, region: tuple[float, float, float, float] | None = None
+) -> tuple[Camera, ...]:
+    """Return the pinholes of that name through which a lens's images are tracked, in its frame: one, or tiles from
+    left to right and top to bottom where what they are to show is wider than 100°.
 
     Each view's pixels lie in the image, and are as dense in its middle as the image's.
 
@@ -164,7 +149,7 @@ def pinhole_views(
             "matrix of another image size?"
         )
     return tuple(
-        _view(lens, base, columns, rows)
+        _view(name, lens, base, columns, rows)
         for rows in _parts(top, bottom)
         for columns in _parts(left, right)
     )
@@ -179,11 +164,12 @@ def _parts(low: float, high: float) -> list[tuple[float, float, float]]:
 
 
 def _view(
+    name: str,
     lens: SourceLens,
     base: Floats,
     columns: tuple[float, float, float],
     rows: tuple[float, float, float],
-) -> PinholeView:
+) -> Camera:
     """Return the view of angles [rad] to the right and down in a turned lens's frame, made smaller until all of it is image."""
     yaw, pitch = columns[0], rows[0]
     turn = rotation_matrix(np.array([pitch, 0.0, 0.0])) @ rotation_matrix(
@@ -220,4 +206,4 @@ def _view(
         edges = np.where(inner, _SHRINK * edges, edges)
     size = (max(int(w * focal), 1), max(int(h * focal), 1))
     matrix = np.array([[focal, 0, -edges[0] * focal], [0, focal, -edges[2] * focal], [0, 0, 1.0]])
-    return PinholeView(size, matrix, rotation)
+    return Camera(name, size, matrix, np.zeros(5), rotation, np.zeros(3))

@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from msgspec import Meta
 
-from handtrack.capture.calibration.formats.resolve import LensView
 from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.images.raw_frames import METHODS, PATTERNS
 from handtrack.capture.masks.mask_cleaning import Roi
@@ -28,6 +27,7 @@ from handtrack.files.toml_table import (
     shown,
 )
 from handtrack.files.toml_text import read_toml, toml_item
+from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.geometry.source_lens import SourceLens
 from handtrack.model.model_file import MODELS, OTHERS
@@ -106,15 +106,14 @@ class LensSettings:
     ]
 
     @classmethod
-    def of(cls, seen: LensView) -> LensSettings:
+    def of(cls, lens: SourceLens, view: Camera) -> LensSettings:
         """Return the settings of a view made by `pinholes`."""
-        lens = seen.lens
         return cls(
             "fisheye" if lens.fisheye else "plain",
             lens.size,
             lens.matrix.tolist(),
             lens.coefficients.tolist(),
-            rotation_vector(seen.view.rotation).tolist(),
+            rotation_vector(view.rotation).tolist(),
         )
 
     @property

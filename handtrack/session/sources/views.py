@@ -32,7 +32,7 @@ from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera, scaled_by
 from handtrack.geometry.lens import remap_source
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.geometry.source_lens import PinholeView, SourceLens
+from handtrack.geometry.source_lens import SourceLens
 from handtrack.observation.observation import (
     ImageKeypoints,
     ImageView,
@@ -332,11 +332,11 @@ class View:
         """Width, height [px] of the images as they were taken."""
         return self.camera.size if self._lens is None else self._lens.size
 
-    def _lens_and_view(self) -> tuple[SourceLens | None, PinholeView]:
+    def _lens_and_view(self) -> tuple[SourceLens | None, Camera]:
         """Return the lens of the images, where it is another than the camera's, and the view of it that the camera is."""
         settings = self.settings.lens
         rotation = rotation_matrix(np.array([0.0] * 3 if settings is None else settings.rotation))
-        view = PinholeView(self.camera.size, self.camera.matrix, rotation)
+        view = replace(self.camera, rotation=rotation)
         if settings is None:
             return None, view
         if self.camera.is_distorted:
@@ -410,13 +410,13 @@ class View:
         return MosaicFiles(files, pattern.upper(), level, method, self._taken_size, where)
 
 
-def _straightened(taken: FrameSource, lens: SourceLens, view: PinholeView) -> DerivedFrames:
+def _straightened(taken: FrameSource, lens: SourceLens, view: Camera) -> DerivedFrames:
     """Return images as a pinhole view of their lens shows them. taken: as the lens took them."""
 
     @cache
     def source() -> Floats[H, W, D2]:
         """The place in the taken image that each of the view's pixels shows."""
-        return remap_source(view.source(lens))
+        return remap_source(lens.source(view))
 
     def read(frame: int) -> Array[H, W, *Axes] | None:
         image = taken.read(frame)

@@ -76,11 +76,12 @@ def test_fisheyes_are_seen_through_pinholes(form, tmp_path):
     given, views = pinholes(read_calibration(sample(f"calibration/{form}", tmp_path)), {})
     points = np.random.default_rng(0).uniform([-0.3, -0.3, 0.3], [0.3, 0.3, 0.7], (2000, 3))
     for camera in given.rig(1.0):
-        source, lens = rig[views[camera.name].camera], tables[views[camera.name].camera]
+        lens, view = views[camera.name]
+        source, table = rig[view.name], tables[view.name]
         taken, _ = cv2.fisheye.projectPoints(
-            source.to_camera(points)[:, None], np.zeros(3), np.zeros(3), np.array(lens["matrix"]), np.array(lens["distortions"])
+            source.to_camera(points)[:, None], np.zeros(3), np.zeros(3), np.array(table["matrix"]), np.array(table["distortions"])
         )  # fmt: skip
-        moved = views[camera.name].view.pixels(views[camera.name].lens.rays(taken[:, 0]))
+        moved = view.project(lens.rays(taken[:, 0]))
         shown = ((camera.project(points) > 0) & (camera.project(points) < camera.size)).all(axis=1)
         assert shown.sum() > 300
         assert np.abs(moved - camera.project(points))[shown].max() < 1e-6

@@ -79,12 +79,8 @@ def given_rig(
             f"note: with {chosen:g} m a unit, the joints make a {subject.kind.word} {100 * length * chosen:.3g} cm long; expected "
             f"{subject.kind.range_words}. Is the unit right, and do cameras, joints and frames belong together?"
         )
-    for name, lens in {observed.camera: observed.lens for observed in views.values()}.items():
-        tiles = [
-            (tile, observed.view.size)
-            for tile, observed in views.items()
-            if observed.camera == name
-        ]
+    for name, lens in {view.name: lens for lens, view in views.values()}.items():
+        tiles = [(tile, view.size) for tile, (_, view) in views.items() if view.name == name]
         shown = ", ".join(f"{tile} ({w} × {h})" for tile, (w, h) in tiles)
         kind = "a fisheye lens" if lens.fisheye else "a lens with skew"
         notes.append(

@@ -124,7 +124,7 @@ def make_session(options: NewOptions) -> int:
             name,
             setting(cam.images, _place(i, cam.camera)),
             masks if cam.images else None,
-            lens=LensSettings.of(views[name]) if name in views and cam.images else None,
+            lens=LensSettings.of(*views[name]) if name in views and cam.images else None,
             image_size=scaled.get(name),
             depth=setting(cam.depth, f"depth/{_place(i, name)}"),
             depth_scale_m=options.depth_scale if cam.depth else None,

@@ -139,7 +139,7 @@ def in_views(
     """Return what is given by camera with each bent lens's images once for each pinhole view of them. Raises HandtrackError
     for depth, which is measured along the axis of the lens and not of the view.
     """
-    lenses = {observed.camera: observed.lens for observed in views.values()}
+    lenses = {view.name: lens for lens, view in views.values()}
     results = {}
     for name, cam in recorded.items():
         lens = lenses.get(name)
@@ -154,9 +154,7 @@ def in_views(
                 f"{cam.images.where}: images of {w} x {h}; its fisheye lens is calibrated for {width} x {height}. Calibrate it at "
                 "the size that it records."
             )
-        sizes = {
-            tile: observed.view.size for tile, observed in views.items() if observed.camera == name
-        }
+        sizes = {tile: view.size for tile, (_, view) in views.items() if view.name == name}
         for tile, size in (sizes or {name: None}).items():
             results[tile] = replace(cam, view_size=size)
     return results
@@ -347,22 +345,21 @@ def subject_in_views(subject: GivenSubject, views: Mapping[str, LensView]) -> Gi
     """Return the subject with joints of bent images where the pinhole views of these show them."""
     if not views:
         return subject
-    bent = {view.camera for view in views.values()}
+    bent = {view.name for _, view in views.values()}
     straight = {name: joints for name, joints in subject.joints.items() if name not in bent}
     for name, observed in views.items():
-        joints = subject.joints.get(observed.camera)
+        lens, view = observed
+        joints = subject.joints.get(view.name)
         if joints is not None:
-            frames = {
-                f: _in_view(p, observed) for f, p in joints.pixels(observed.lens.size).items()
-            }
+            frames = {f: _in_view(p, observed) for f, p in joints.pixels(lens.size).items()}
             straight[name] = replace(joints, frames=frames, is_share=False)
     return replace(subject, joints=straight)
 
 
-def _in_view(points: Floats[N, D3], view: LensView) -> Floats[N, D3]:
-    moved = points.copy()
-    moved[:, :2] = view.view.pixels(view.lens.rays(points[:, :2]))
-    inside = ((moved[:, :2] > -0.5) & (moved[:, :2] < np.array(view.view.size) - 0.5)).all(axis=1)
+def _in_view(points: Floats[N, D3], observed: LensView) -> Floats[N, D3]:
+    (lens, view), moved = observed, points.copy()
+    moved[:, :2] = view.project(lens.rays(points[:, :2]))
+    inside = ((moved[:, :2] > -0.5) & (moved[:, :2] < np.array(view.size) - 0.5)).all(axis=1)
     moved[~inside] = [np.nan, np.nan, 0.0]
     return moved
 

@@ -22,8 +22,8 @@ from handtrack.capture.calibration.formats.imported_rig import (
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.joints.subject import HAND, Subject
 from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import CameraRig
-from handtrack.geometry.source_lens import FISHEYE_COUNT, PinholeView, SourceLens, pinhole_views
+from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.geometry.source_lens import FISHEYE_COUNT, SourceLens, pinhole_views
 from handtrack.geometry.triangulation import triangulated
 
 _WITH_JOINTS = (1.0, 0.01, 0.001)  # of which at most one fits somebody's size
@@ -150,13 +150,8 @@ def with_lens(rig: ImportedRig, lens: str | None, where: str) -> ImportedRig:
     return replace(rig, cameras=tuple(cameras))
 
 
-class LensView(NamedTuple):
-    """One pinhole view of a camera whose lens is not a pinhole's."""
-
-    camera: str
-    """whose images it shows"""
-    lens: SourceLens
-    view: PinholeView
+LensView = tuple[SourceLens, Camera]
+"""a lens that is not a pinhole's, and a pinhole view of it in its frame, called as its camera"""
 
 
 def pinholes(
@@ -189,10 +184,10 @@ def pinholes(
             else five_or_more(bent)
         )
         lens = SourceLens(camera.size, camera.matrix, bent, bool(camera.fisheye))
-        tiles = pinhole_views(lens, regions.get(name))
+        tiles = pinhole_views(name, lens, regions.get(name))
         for i, view in enumerate(tiles):
             tile = name if len(tiles) == 1 else f"{name}_{i + 1}"
-            views[tile] = LensView(name, lens, view)
+            views[tile] = lens, view
             rotation, translation = (
                 view.rotation @ camera.rotation,
                 view.rotation @ camera.translation,
