@@ -31,6 +31,10 @@ class SolveSummary:
 
 REJECTIONS = 5
 """trials at one linearisation before giving up"""
+_LONGEST = 0.05, 0.5
+"""longest move of a translation in one step [m], and widest turn of an angle [rad]"""
+_LEAST_DAMPING = 1e-6
+"""two or three binary cameras leave weak directions"""
 _RELAX, _TIGHTEN = 0.4, 4.0
 """λ is multiplied by the first after a step that lowered the cost, by the second after one that did not; each further one at the
 same place doubles that (Nielsen 1999)"""
@@ -62,7 +66,6 @@ def solve(
     """
     settings, limits = settings or SolverSettings(), limits or problem.limits
     bounds = MovingLimits.none() if settings.limits == "projection" else limits
-    longest = settings.step_limit_m, settings.step_limit_rad
     params = clipped(limits, np.array(params, dtype=float))
     damping, system = settings.damping, problem.linearize(params)
     why, count = "iterations", 0
@@ -76,7 +79,7 @@ def solve(
                 system.hessian, system.gradient, params, bounds, damping
             )
             if has_minimum:
-                trial, largest = stepped(limits, params, step, longest)
+                trial, largest = stepped(limits, params, step, _LONGEST)
                 there = problem.linearize(trial)
                 if there.cost < system.cost:
                     moved = there
@@ -90,7 +93,7 @@ def solve(
             why = "converged" if small else "no descent"
             break
         gain = system.cost - moved.cost
-        damping = max(damping * _RELAX, settings.least_damping)
+        damping = max(damping * _RELAX, _LEAST_DAMPING)
         params, system = trial, moved
         if on_iteration is not None:
             on_iteration(count, params, system.cost)

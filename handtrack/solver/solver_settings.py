@@ -27,16 +27,10 @@ class SolverSettings:
         "`none`: no limits (the 2007 paper).",
     )
     damping: float = 1e-2
-    """first λ, as a share of the Hessian's diagonal; kept above `least_damping`, for two or three
-    binary cameras leave weak directions"""
-    least_damping: float = 1e-6
+    """first λ, as a share of the Hessian's diagonal"""
     cost_tolerance: float = 1e-7
     """stop when a step lowers the cost by a smaller share than this"""
     least_gain: float = 0.0
     """stop when a step lowers the cost by less than this; ½ is one standard deviation"""
     step_tolerance: float = 1e-7
     """stop when no parameter moves by more than this [m, rad]"""
-    step_limit_m: float = 0.05
-    """longest move of a translation in one step"""
-    step_limit_rad: float = 0.5
-    """widest turn of an angle in one step"""

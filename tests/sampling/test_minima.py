@@ -21,9 +21,7 @@ from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
 from tests.cameras import FACING, pinhole
 from tests.derivatives import check_jacobian
 
-FAR = SolverSettings(
-    iterations=300, damping=1e-3, least_damping=1e-12, cost_tolerance=1e-15, step_tolerance=1e-11
-)
+FAR = SolverSettings(iterations=300, damping=1e-3, cost_tolerance=1e-15, step_tolerance=1e-11)
 
 
 FRONT = pinhole("front", (640, 480), 600, FACING, (0, 0.1, 0.9), at=(320, 240))

@@ -41,7 +41,7 @@ class Rosenbrock:
         return JointSystem(self.cost(x), j.T @ r, j.T @ j)
 
 
-FAR = SolverSettings(iterations=200, step_limit_m=10, step_limit_rad=10, cost_tolerance=1e-14)
+FAR = SolverSettings(iterations=200, cost_tolerance=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -122,9 +122,7 @@ def test_no_step_is_longer_than_allowed_whatever_the_limits(limits):
     """Translations and angles each have a longest step, and a step that is cut keeps its direction."""
     goal = np.array([1.0, -0.4, 0.2, 3.0, 1.5])
     problem = Linear(np.eye(5), goal, np.full(5, -9.0), np.full(5, 9.0))
-    settings = SolverSettings(
-        iterations=50, limits=limits, damping=1e-9, step_limit_m=0.05, step_limit_rad=0.5
-    )
+    settings = SolverSettings(iterations=50, limits=limits, damping=1e-9)
     path = [np.zeros(5)]
     solve(problem, path[0], settings, on_iteration=lambda k, x, cost: path.append(x.copy()))
     steps = np.diff(path, axis=0)

@@ -24,11 +24,9 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.settings import PriorSettings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.cameras import LATE, CameraChanges
 from handtrack.tracking.size.estimate import Shared, WholeEstimate
-from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange, Subject
 from handtrack.tracking.whole import recording_estimate
 from handtrack.tracking.whole.chosen_frames import fit_person
@@ -190,7 +188,7 @@ def test_a_camera_is_corrected_from_what_is_told_of_it(rng):
     """`refinement` of poses.npz is in degrees, millimetres and percent, of the camera; the changes are the hand's."""
     changes = _changed(rng)
     found = WholeEstimate(
-        np.zeros((1, 26)), np.zeros((1, 26, 26)), Motion.usual(PriorSettings(), 26, 0.04), np.zeros(1), 1, "converged",
+        np.zeros((1, 26)), np.zeros((1, 26, 26)), np.zeros(1), 1, "converged",
         Shared(changes, PersonChange.none(HAND)), np.eye(changes.count),
     )  # fmt: skip
     told = Refinement.read(Refinement.of(found).text)

@@ -117,7 +117,6 @@ class WholeEstimate:
     poses: Floats[F, P]
     covariance: Floats[F, P, P]
     """of the changes of each pose as `pose_changes.moved` makes them, errors that last counted once"""
-    motion: Motion | None
     costs: Floats[F]
     """what each frame says against its pose"""
     sweeps: int
@@ -358,9 +357,7 @@ def estimate_whole(
     except _StoppedError:
         return None
     covariance, shared = _reported_covariance(best, motion)
-    return WholeEstimate(
-        best.poses, covariance, motion, best.costs, sweep, why, best.shared, shared
-    )
+    return WholeEstimate(best.poses, covariance, best.costs, sweep, why, best.shared, shared)
 
 
 def fit_size(
