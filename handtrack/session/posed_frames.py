@@ -14,7 +14,6 @@ from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import SessionState, marked_frames, readable
 from handtrack.store.store import Store
-from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 
@@ -87,6 +86,4 @@ def keyframe_result(run: TrackingRun, frame: int, joint_params: Floats[S]) -> Fr
     model, values = run.model, np.asarray(joint_params, dtype=float)
     params = model.transform.solver_params(values)
     seen = Observation(frame, float(run.session.time_s(frame)))
-    return replace(
-        posed_result(model, seen, params, FrameConfidence(Status.KEYFRAME)), parameters=values
-    )
+    return replace(posed_result(model, seen, params, Status.KEYFRAME), parameters=values)

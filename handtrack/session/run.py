@@ -41,7 +41,7 @@ from handtrack.session.sources.joint_errors import joint_sigma_px
 from handtrack.session.sources.keypoint_files import of_model
 from handtrack.session.sources.prefetch import prefetching
 from handtrack.tracking.find_pose import PoseEstimate, pose_in_space
-from handtrack.tracking.frame.confidence import FrameConfidence, OutlineFit, assess, outline_fit
+from handtrack.tracking.frame.confidence import OutlineFit, assess, outline_fit
 from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
@@ -622,7 +622,7 @@ def posed_by_joints(
         found = pose_in_space(run.settings, hand, frame, joints) if joints else None
         if found is not None:
             params = carried_over(hand, found.params, run.model)
-            posed.append(posed_result(run.model, seen, params, FrameConfidence(Status.DOUBTFUL)))
+            posed.append(posed_result(run.model, seen, params, Status.DOUBTFUL))
     return posed if len(posed) >= FEWEST_BY_JOINTS else []
 
 

@@ -43,7 +43,7 @@ from handtrack.simulation.retarget import (
 from handtrack.simulation.simulate import SCALE_FILE, CustomMotion, simulated_rig
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, FrameConfidence
+from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, assessed_as
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.search.initialize import FEWEST
@@ -128,9 +128,9 @@ def _frame(motion: Captured, frame: int, errors: Floats[J]) -> FrameResult:
     status = Status.DOUBTFUL if errors[known].max(initial=0.0) > far else Status.TRACKED
     if known.sum() < FEWEST:
         status = Status.LOST
-    assessment = FrameConfidence(status, None, spread)
-    result = posed_result(model, Observation(frame, frame / clip.fps), params, assessment, std)
-    return replace(result, energy=system.cost)
+    result = posed_result(model, Observation(frame, frame / clip.fps), params, std=std)
+    result = replace(result, joint_covariance=spread, energy=system.cost)
+    return assessed_as(result, status)
 
 
 def write_captured(folder: Path, motion: Captured, name: str) -> None:

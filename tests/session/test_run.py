@@ -13,7 +13,6 @@ from handtrack import (
     ImageKeypoints,
     Observation,
     Session,
-    Status,
     Tracker,
     TrackerSettings,
     TrackerState,
@@ -28,7 +27,7 @@ from handtrack.session.run import person_to_fit, size_of_frames, tracked_for_siz
 from handtrack.session.session_file import CameraSettings
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import CustomMotion, Simulation, simulate
-from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
+from handtrack.tracking.frame.confidence import frame_confidence
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.tables.track_model import model_of
@@ -137,7 +136,6 @@ def fitted(missing, scale=HandScale(), first=None):
             run.model,
             one,
             run.model.transform.solver_params(joint),
-            FrameConfidence(Status.TRACKED),
         )
         for one, joint in zip(seen, POSES, strict=True)
     ]
@@ -161,7 +159,9 @@ def test_what_is_stated_of_joints_includes_a_size_that_is_held():
         seen = next(iter(depth_views(MEAN, POSES, Sensor((160, 120)), np.random.default_rng(0))))
         terms = frame_terms(model, TrackerSettings(), seen, model.bones(params), None)
         none = np.zeros((len(model.joint_names), 3, 3))
-        found = frame_confidence(terms, params, 1.0, {"cloud": 1.0}, none, ())
+        posed = posed_result(model, seen, params)
+        posed = replace(posed, energies={"cloud": 1.0}, joint_covariance=none)
+        found = frame_confidence(posed, terms, params, 1.0, ())
         return np.trace(found.joint_covariance, axis1=1, axis2=2)
 
     held = replace(HandScale(), std={"overall": POPULATION_SIGMA, "length_mm": 12.0})

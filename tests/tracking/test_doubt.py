@@ -17,6 +17,7 @@ from handtrack.tracking.frame.confidence import (
     frame_confidence,
     probably_beyond,
 )
+from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.sequence import track_recording
 from tests.tracking.scenes import inside_stated, joints_seen
@@ -74,6 +75,12 @@ def test_the_own_hand_s_stated_90_percent_hold(rng):
     assert all(0 <= r.p_off_25mm <= 1 and r.p_off_10mm.shape == (6,) for r in last.values())
 
 
+def seen_flat(seen, pose, total_m):
+    """Return a frame at a pose whose joints are so exact, by its masks."""
+    result = posed_result(HAND, seen, pose)
+    return replace(result, energies={"coverage": 10.0}, joint_covariance=flat(total_m))
+
+
 def test_joints_that_noise_leaves_open_are_a_sign_of_a_gross_error(rng):
     """Beyond the tail of what is stated: so few constraints have other minima, too."""
     pose = HAND.transform.solver_params(motion(HAND, "open_fist_open", 8, rng)[0])
@@ -81,7 +88,7 @@ def test_joints_that_noise_leaves_open_are_a_sign_of_a_gross_error(rng):
     terms = frame_terms(HAND, TrackerSettings(), seen, bones, None)
 
     def beside_the_tail(total_m):
-        found = frame_confidence(terms, pose, 10.0, {"coverage": 10.0}, flat(total_m), (), 0.0)
+        found = frame_confidence(seen_flat(seen, pose, total_m), terms, pose, 10.0, (), 0.0)
         return found.p_off_25mm - probably_beyond(found.joint_covariance, 0.025).max()
 
     assert beside_the_tail(0.003) == pytest.approx(beside_the_tail(0.001), rel=0.1)
@@ -100,7 +107,7 @@ def test_detected_joints_that_agree_lower_the_doubt_of_a_closed_hand(rng, turn, 
         cameras = rig if off_px is not None else []
         joints = joints_seen(cameras, HAND.keypoints21(bones), off_px)
         terms = frame_terms(HAND, TrackerSettings(), replace(seen, keypoints=joints), bones, None)
-        found = frame_confidence(terms, pose, 10.0, {"coverage": 10.0}, flat(0.003), (), 0.0)
+        found = frame_confidence(seen_flat(seen, pose, 0.003), terms, pose, 10.0, (), 0.0)
         return found.p_off_25mm, float(np.trace(found.joint_covariance, axis1=1, axis2=2).max())
 
     agreeing, alone, elsewhere = doubt(0.0), doubt(None), doubt(30.0)

@@ -21,6 +21,7 @@ from handtrack.sampling.chains import chain_along
 from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.tracking.frame.confidence import frame_confidence
 from handtrack.tracking.frame.depth_flips import mirrored_covariance
+from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.size.estimate import estimate_whole
@@ -77,7 +78,9 @@ def test_one_camera_s_mask_or_image_leaves_flips_open_and_two_cameras_do_not():
         terms = frame_terms(BODY, settings, seen, BODY.bones(pose), None)
         spread = np.sqrt(np.trace(mirrored_covariance(terms, pose)[WRIST]))
         assert spread > 0.1
-        result = frame_confidence(terms, pose, 1.0, {}, np.zeros((len(BODY.joint_names), 3, 3)), ())
+        none = np.zeros((len(BODY.joint_names), 3, 3))
+        result = replace(posed_result(BODY, seen, pose), joint_covariance=none)
+        result = frame_confidence(result, terms, pose, 1.0, ())
         assert result.status != Status.TRACKED
         beside = replace(seen, silhouettes=(*seen.silhouettes, Silhouette(SIDE, mask)))
         terms = frame_terms(BODY, settings, beside, BODY.bones(pose), None)

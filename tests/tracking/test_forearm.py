@@ -9,7 +9,6 @@ from handtrack import (
     HandScale,
     Observation,
     PointCloud,
-    Status,
     Tracker,
     TrackerSettings,
     TrackerState,
@@ -19,7 +18,6 @@ from handtrack.model.pose_library import named_pose
 from handtrack.model.size import FOREARM_END
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_task import posed_result
@@ -121,10 +119,7 @@ def test_where_the_arm_ends_is_found_with_all_frames_of_a_known_person_too(forea
     joints = [carried_over(WHOLE, WHOLE.transform.solver_params(j), truth) for j in joints]
     cameras = simulated_rig(3, (320, 240)).cameras
     seen = [mask_views(truth, pose, cameras, f) for f, pose in enumerate(joints)]
-    live = [
-        posed_result(model, one, pose, FrameConfidence(Status.TRACKED))
-        for one, pose in zip(seen, joints, strict=True)
-    ]
+    live = [posed_result(model, one, pose) for one, pose in zip(seen, joints, strict=True)]
     who = Subject(lambda scale: load_model(scale=scale, forearm=forearm), sizes=False)
     found = refine(
         Recording(model, UNSEARCHED, lambda f, _: seen[f], Control(observer=told), subject=who),

@@ -12,7 +12,6 @@ from handtrack.model.pose_changes import changes
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.whole.alternatives import with_alternatives
@@ -69,9 +68,7 @@ def turning():
 
 def _tracked(poses, views):
     return [
-        replace(
-            posed_result(HAND, seen, pose, FrameConfidence(Status.TRACKED)), energy=30.0, views=2
-        )
+        replace(posed_result(HAND, seen, pose), energy=30.0, views=2)
         for pose, seen in zip(poses, views, strict=True)
     ]
 
@@ -108,8 +105,8 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     near, far = pose + 0.002 * (np.arange(26) == 0), bent(HAND, pose, "index", 90.0)
     rows = [[_at(pose, 5.0, sure)] + [_at(x, 5.5, sure) for x in others] for others in ((), (near,), (far,))]  # fmt: skip
     known = np.tile(1e-6 * np.eye(3), (len(HAND.joint_names), 1, 1))
-    stated = FrameConfidence(Status.TRACKED, None, known, p_off_10mm=np.zeros(6))
-    results = [posed_result(HAND, Observation(n, 0.0), pose, stated) for n in range(3)]
+    result = posed_result(HAND, Observation(0, 0.0), pose)
+    results = [replace(result, joint_covariance=known, p_off_10mm=np.zeros(6))] * 3
     alone, two, apart = with_alternatives(HAND, results, Trellis(rows, 100.0 * np.eye(26), 1.0))
     assert [len(r.alternatives) for r in (alone, two, apart)] == [0, 2, 2]
     assert alone.status == two.status == Status.TRACKED

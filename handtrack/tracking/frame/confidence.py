@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, C, Floats, Ints, J, K, N, P, S, array_dataclass
+from handtrack.arrays import D3, Array, Axes, C, Floats, Ints, J, K, N, P, S
 from handtrack.compiled import compiled_as_numpy
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -555,48 +555,33 @@ def _gamma_tail(shape, x):  # pragma: no cover - compiled
 _WORDS = {**{p: f"{p} finger" for p in PARTS}, "thumb": "thumb", "palm": "palm"}
 
 
-@array_dataclass
-class FrameConfidence:
-    """How far a frame can be trusted."""
-
-    status: Status
-    reason: Reason | None = None
-    joint_covariance: Floats[J, D3, D3] | None = None
-    """[m²] as it is stated: of all that is known to be wrong; None where nothing is known of it"""
-    p_off_25mm: float = float("nan")
-    p_off_10mm: Floats[K] | None = None
-
-
 def frame_confidence(
+    result: FrameResult,
     terms: FrameTerms,
     params: Floats[P],
     energy: float,
-    energies: Mapping[str, float],
-    joint_covariance: Floats[J, D3, D3],
     previous: Sequence[FrameResult],
     moved_m: float | None = None,
-) -> FrameConfidence:
-    """Return what is to be said of a frame at solver parameters.
+) -> FrameResult:
+    """Return a frame at solver parameters with what is to be said of it.
 
     Parameters
     ----------
-    energies
-        Of each term.
-    joint_covariance
-        [m²] if the model were the hand.
+    result
+        With the energies of its terms, and the covariance of its joints [m²] if the model were the hand.
     moved_m
         How far the frames after moved a joint, None as long as they are not known. Then a misfit
         alone is a doubt, which another search may end; later it is one sign of many, and tells
         least: of 85 such frames 8 were wrong.
     """
     model, joint = terms.model, terms.model.joint_params(params)
-    bad = misfit(energies, terms.views)
+    bad = misfit(result.energies, terms.views)
     seen = CLOUD if terms.cloud is not None else JOINTS if terms.detected else MASKS
     seen = BODY if model.kind == "body" else seen
     hidden = curls(model, joint)
     if model.has_keypoints21 and terms.detected:
         hidden = hidden * (1.0 - _confirmed(terms, model.bones(params)))
-    reported = calibrated_covariance(model, hidden, joint_covariance, bad, seen)
+    reported = calibrated_covariance(model, hidden, result.joint_covariance, bad, seen)
     reported += mirrored_covariance(terms, params)
     if is_unmeasured(
         model.scale
@@ -613,7 +598,7 @@ def frame_confidence(
         signs = {
             "curled": float(hidden.mean()),
             "moved": moved,
-            "open": open_sign(joint_covariance),
+            "open": open_sign(result.joint_covariance),
         }
         off = failure_probabilities(model, reported, signs)
     if status == Status.TRACKED:
@@ -623,11 +608,18 @@ def frame_confidence(
         if most > 0:
             reason = reason or _may_be_off(model, reported, off) or _may_be_far(model, reported)
         status = Status.TRACKED if reason is None else Status.DOUBTFUL
-    if off is None:
-        beyond = probably_beyond(reported, FRAME_OFF_M).max()
-        known = float(beyond) if model.kind == "body" else float("nan")
-        return FrameConfidence(status, reason, reported, known)
-    return FrameConfidence(status, reason, reported, *off[:2])
+    off_25, off_10 = off[:2] if off is not None else (float("nan"), None)
+    if model.kind == "body":
+        off_25 = float(probably_beyond(reported, FRAME_OFF_M).max())
+    result = replace(result, joint_covariance=reported, p_off_25mm=off_25, p_off_10mm=off_10)
+    return assessed_as(result, status, reason)
+
+
+def assessed_as(result: FrameResult, status: Status, reason: Reason | None = None) -> FrameResult:
+    """Return a frame of that status; parameters of a lost hand may be anything."""
+    std = result.parameter_std
+    std = np.full_like(std, np.inf) if status == Status.LOST else std
+    return replace(result, status=status, reason=reason, parameter_std=std)
 
 
 def _confirmed(terms: FrameTerms, bones: BonePoses) -> Floats[K]:

@@ -17,7 +17,7 @@ from handtrack.solver.levenberg_marquardt import SolveSummary
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
+from handtrack.tracking.frame.confidence import assessed_as, frame_confidence
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import stage_problem
@@ -119,7 +119,7 @@ class FrameTask:
             status, reason = Status.LOST, Reason("cloud elsewhere", number=cloud.crop_mm)
         else:
             status, reason = Status.LOST, Reason("unseen")
-        return Step(posed_result(self.model, seen, params, FrameConfidence(status, reason)))
+        return Step(assessed_as(posed_result(self.model, seen, params), status, reason))
 
     def solved(
         self,
@@ -143,15 +143,15 @@ class FrameTask:
         sure = inheriting_uncertainty(sharp, params, known.hessian, self.belief)
         covariance, std, joints = uncertainty(model, params, sure, known.hessian - priors.hessian)
         energies, cost = problem.costs(params), found.system.cost
-        assessment = frame_confidence(terms, params, cost, energies, joints, self.previous)
         result = replace(
-            posed_result(model, self.observation, params, assessment, std),
+            posed_result(model, self.observation, params, std=std),
+            joint_covariance=joints,
             energy=cost,
             energies=energies,
             iterations=found.iterations,
             views=terms.views,
         )
-        return Step(result, covariance)
+        return Step(frame_confidence(result, terms, params, cost, self.previous), covariance)
 
 
 def inheriting_uncertainty(
@@ -187,40 +187,31 @@ def posed_result(
     model: ArticulatedModel,
     observation: Observation | FrameResult,
     params: Floats[P],
-    found: FrameConfidence,
+    status: Status = Status.TRACKED,
     std: Floats[S] | None = None,
 ) -> FrameResult:
-    """Return a result at solver parameters as it was judged, as long as no solver tells its cost.
+    """Return a result at solver parameters, as long as no solver tells its cost.
 
     Parameters
     ----------
     observation
         The frame's, or an earlier result: number and time are its.
     std
-        Of joint parameters. Without it, and of a lost hand, they may be anything; without a
-        covariance joints are known to a metre.
+        Of joint parameters. Without it they may be anything; joints are known to a metre.
     """
     joint = model.joint_params(params)
     joint[3:6] = wrapped(joint[3:6])
-    if std is None or found.status == Status.LOST:
-        std = np.full(len(joint), np.inf)
-    covariance = found.joint_covariance
-    if covariance is None:
-        covariance = np.tile(np.eye(3), (len(model.joint_names), 1, 1))
     bones = model.bones(params)
     return FrameResult(
         frame=observation.frame,
         time_s=observation.time_s,
         parameters=joint,
-        status=found.status,
+        status=status,
         energy=float("nan"),
         iterations=0,
-        parameter_std=std,
-        joint_covariance=covariance,
+        parameter_std=np.full(len(joint), np.inf) if std is None else std,
+        joint_covariance=np.tile(np.eye(3), (len(model.joint_names), 1, 1)),
         T_world_bone=bones.T_world_bone,
         joint_positions=model.joint_positions(bones),
         keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
-        reason=found.reason,
-        p_off_25mm=found.p_off_25mm,
-        p_off_10mm=found.p_off_10mm,
     )

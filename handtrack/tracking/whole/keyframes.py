@@ -9,7 +9,6 @@ import numpy as np
 
 from handtrack.arrays import Floats, P
 from handtrack.model.pose_changes import change, moved
-from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.size.motion import Motion
@@ -46,9 +45,7 @@ def with_keyframes(
     held, pinned = recording.keyframes, recording.pinned
     known = {result.frame: result for result in tracked}
     posed = {
-        frame: posed_result(
-            model, observe(frame, model.bones(pose)), pose, FrameConfidence(Status.KEYFRAME)
-        )
+        frame: posed_result(model, observe(frame, model.bones(pose)), pose, Status.KEYFRAME)
         for frame, pose in held.items()
     }
     numbers = sorted(known | posed)

@@ -15,7 +15,7 @@ from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import in_parallel, one_blas_thread
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
+from handtrack.tracking.frame.confidence import assessed_as, frame_confidence
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import by_camera
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -408,21 +408,22 @@ def _result(
     change = by_change(pose)
     covariance = change @ found.covariance[n] @ change.T
     _, std, joints = uncertainty(model, pose, np.linalg.inv(covariance))
-    assessment = FrameConfidence(before.status, before.reason, joints)
     seen = frame.terms.has_observations
     terms, problem = frame.observed_by(found, n)
     energies = problem.costs(pose) if seen else {}
-    if seen and before.frame not in likelihood.silent | likelihood.poor:
-        energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
-        moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
-        assessment = frame_confidence(terms, pose, energy, energies, joints, tracked[:n], moved_m)
-    return replace(
-        posed_result(model, before, pose, assessment, std),
+    result = replace(
+        posed_result(model, before, pose, std=std),
+        joint_covariance=joints,
         energy=float(found.costs[n]) if seen else float("nan"),
         energies=energies,
         iterations=before.iterations + found.sweeps,
         views=frame.terms.views,
     )
+    if seen and before.frame not in likelihood.silent | likelihood.poor:
+        energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
+        moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
+        return frame_confidence(result, terms, pose, energy, tracked[:n], moved_m)
+    return assessed_as(result, before.status, before.reason)
 
 
 def _nearest_images(

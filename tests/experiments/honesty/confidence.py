@@ -35,7 +35,7 @@ from handtrack.tracking.frame.confidence import (
     open_sign,
     part_of,
 )
-from handtrack.tracking.frame.result import PARTS
+from handtrack.tracking.frame.result import PARTS, FrameResult
 from handtrack.tracking.whole import recording_estimate
 
 _CHI2_90 = 6.251388631170325
@@ -92,12 +92,11 @@ def tracked(session: Path) -> dict[str, Any]:
         asked[:] = [Model(model.scale.overall), *given]
         return usual(model, *given)
 
-    def judged(terms: Any, *given: Any) -> confidence.FrameConfidence:
-        found = judged_as_usual(terms, *given)
-        assert found.joint_covariance is not None
+    def judged(result: Any, terms: Any, *given: Any) -> FrameResult:
+        found = judged_as_usual(result, terms, *given)
         rows = [terms.model.joint_names.index(name) for name in keypoint_names()]
         model, curled, covariance, misfit, seen = asked
-        previous, moved_m = given[4:]
+        previous, moved_m = given[2:]
         frames[previous[-1].frame + 1 if previous else 0] = Judged(
             model, curled, covariance[rows], misfit, "JOINTS" if seen is confidence.JOINTS else "MASKS", moved_sign(moved_m), found.joint_covariance[rows],
             found.p_off_25mm,
