@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import takewhile
 from typing import Any
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, S
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
@@ -161,8 +162,8 @@ class Tracker:
         known = None
         # a velocity from poor poses is mostly their errors
         if self.settings.tracker.prediction == "constant_velocity" and not last.clutters:
-            known = predict(self.model, state.results, frame)
-        return last.parameters.copy() if known is None else known
+            known = _predicted(self.model, state, frame)
+        return (last.parameters if known is None else known).copy()
 
     def texture_from(self, observation: Observation, result: FrameResult) -> Before | None:
         """Return a frame's images together with the model as it was found in them; None where images are not looked at."""
@@ -170,6 +171,12 @@ class Tracker:
             return None
         params = self.model.solver_params(result.parameters)
         return Before(observation, self.model.bones(params))
+
+
+@lru_cache(maxsize=4)
+def _predicted(model: ArticulatedModel, state: TrackerState, frame: int) -> Floats[S] | None:
+    """Return what `predict` does: of each frame it is asked where to look for the hand, and again where to begin."""
+    return predict(model, state.results, frame)
 
 
 def _joined(seen: tuple[Any, ...], own: tuple[Any, ...]) -> tuple[Any, ...]:
