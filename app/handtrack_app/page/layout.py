@@ -80,11 +80,10 @@ class PageLayout:
         self.messages = Messages(page)
         self.others = leave_button(page)
         self.room = Room(page)
-        page.heard.extend((self.messages.take, self._unfold))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
         page.subscribe(ProgressSnapshot, self.show_progress)
-        page.subscribe(Notice, lambda told: page.notify(told.level, told.title, told.text))
+        page.subscribe(Notice, self.messages.take, self._show_notice)
 
     def build(self, stage: Stage, shown: PoseSnapshot) -> None:
         """Build the panels, which snapshots are shown in from now on."""
@@ -235,11 +234,14 @@ class PageLayout:
         self.saved = work.saved
         self._show_head()
 
-    def _unfold(self, notice: Notice) -> None:
-        """Show the panel where it is hidden: an error is read there."""
-        for client in self.page.clients if notice.level == "error" else ():
-            if client.taste.folded:
+    def _show_notice(self, notice: Notice) -> None:
+        """Of what is done, show a notification for a while; all else stands in the panel, which is shown where it is hidden for an error."""
+        level, title, text = notice.level, notice.title, notice.text
+        for number, client in self.page.by_number.items():
+            if level == "error" and client.taste.folded:
                 self.room.fold(client)
+            elif level == DONE and notice.client_id in (None, number):
+                client.handle.add_notification(title, text, color="teal", auto_close_seconds=8.0)
 
 
 # ---- What was said to the user: it stays to be read; and what is to be done or known stands until it is put away

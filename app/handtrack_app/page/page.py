@@ -264,8 +264,6 @@ class Page:
     """the value that a page last gave to a widget"""
     own_widgets: dict[str, Callable[[int, object], None]] = field(default_factory=dict)
     """by id: what is called with a client and the value that it gave to a widget that each page has for itself"""
-    heard: list[Callable[[Notice], None]] = field(default_factory=list)
-    """called with all that is said"""
     keys: list[tuple[str, str]] = field(default_factory=list)
     """key and what it does, in words"""
     _shows: dict[type, list[Callable[[Any], object]]] = field(default_factory=dict)
@@ -387,12 +385,9 @@ class Page:
                 self.engine.redo(version)
 
     def notify(self, level: str, title: str, text: str, client: Client | None = None) -> None:
-        """Add to the messages; of what is done, show a notification for a while, on one client or on all. All else stands in the panel."""
-        for hear in self.heard:
-            hear(Notice(level, title, text))
-        clients = [client] if client is not None else self.clients
-        for one in clients if level == DONE else ():
-            one.handle.add_notification(title, text, color="teal", auto_close_seconds=8.0)
+        """Tell something; of what is done, one client or all show a notification."""
+        number = None if client is None else client.handle.client_id
+        self.show(Notice(level, title, text, client_id=number))
 
     def own(
         self,

@@ -408,6 +408,8 @@ class Notice:
     text: str
     of_recording: bool = False
     """about the recording itself, such as a contradicting camera: holds until it is tracked anew"""
+    client_id: int | None = None
+    """of the page that alone shows a notification of what is done; None: all do"""
 
     @classmethod
     def about_recording(cls, text: str) -> Notice:

@@ -11,10 +11,10 @@ from functools import partial
 import viser
 
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.html import bar, bordered, sheet
+from handtrack_app.page.html import bar, sheet
 from handtrack_app.page.page import Client, Page, Panel, Part, Taste, UserState, put, remembered
 from handtrack_app.page.panels.tracking import progress_words
-from handtrack_app.page.scene.looking import ALL, CameraView, Looking
+from handtrack_app.page.scene.looking import ALL, Looking
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
@@ -81,7 +81,7 @@ class SessionPanel(Panel):
                     "See the {kind} over a camera's image, or all cameras' images of the {kind} side by side."
                 ),
             )
-            ZoomKeys(page, self.stage.looking)
+            add_zoom_keys(page, self.stage.looking)
             self.paint = gui.add_dropdown(
                 "Overlay", tuple(_PAINT_WORDS), initial_value="model's outline",
                 hint=page.phrase(_PAINT_HINT),
@@ -270,53 +270,24 @@ class Room(Part):
                 colours(client.handle.gui, taste.colours)
 
 
-# ---- What a user does with a view through a camera: keys and buttons; and a line that says how the picture is seen
+# ---- What a user does with a view through a camera: keys and buttons
 
 
 _STEP = 1.4  # two of them twice as large
 _HINT = "Camera view: Z and X, or the wheel, zoom in and out; drag to move the image. C shows the {kind}, V the whole image."
 
 
-@dataclass
-class ZoomKeys(Part):
-    """Keys and buttons of the views; each page's own line about its view."""
-
-    looking: Looking
-
-    def build(self) -> None:
-        """Add the buttons where the page builds now, and the keys."""
-        views, phrase = self.looking, self.page.phrase
-        views.changed = self._notify
-        acts: dict[str, Callable[[Client], None]] = {}
-        for label, key, words, act in (
-            (phrase("{Kind}"), "C", "View: the {kind}, and back into the camera", views.to_hand),
-            ("In", "Z", "View: nearer", lambda client: views.zoom_by(client, _STEP)),
-            ("Out", "X", "View: wider", lambda client: views.zoom_by(client, 1 / _STEP)),
-            ("All", "V", "View: the whole image", views.fit),
-        ):
-            self.page.key(words, key, act, by_page=True)
-            acts[label] = act
-        buttons = self.gui.add_button_group("Zoom", tuple(acts), hint=phrase(_HINT))
-        self.page.own(buttons, lambda client, what: acts[what](client))
-
-    def _notify(self, client: Client) -> None:
-        line, view = client.view_line, client.view
-        if view is not None:
-            client.view_line = line = line or client.handle.gui.add_html("", order=0.5)
-            put(line, content=self.page.phrase(view_words(view)))
-        elif line is not None:
-            client.view_line = None
-            line.remove()
-
-
-def view_words(view: CameraView) -> str:
-    """Return the line about a view."""
-    name = html.escape(view.card.name)
-    words, colour = f"<b>{name}</b>, {view.zoom.times:.1f} ×", "#56b4e9"
-    if view.follows:
-        words += ", follows the {kind}"
-    if view.left:
-        words, colour = f"<b>You left {name}:</b> C goes back", "#e69f00"
-    if view.task:
-        words += f"<br>{html.escape(view.task)}"
-    return bordered(words, colour)
+def add_zoom_keys(page: Page, looking: Looking) -> None:
+    """Add the buttons where the page builds now, and the keys."""
+    phrase = page.phrase
+    acts: dict[str, Callable[[Client], None]] = {}
+    for label, key, words, act in (
+        (phrase("{Kind}"), "C", "View: the {kind}, and back into the camera", looking.to_hand),
+        ("In", "Z", "View: nearer", lambda client: looking.zoom_by(client, _STEP)),
+        ("Out", "X", "View: wider", lambda client: looking.zoom_by(client, 1 / _STEP)),
+        ("All", "V", "View: the whole image", looking.fit),
+    ):
+        page.key(words, key, act, by_page=True)
+        acts[label] = act
+    buttons = page.gui.add_button_group("Zoom", tuple(acts), hint=phrase(_HINT))
+    page.own(buttons, lambda client, what: acts[what](client))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import time
 from collections import deque
@@ -16,8 +17,8 @@ from handtrack.arrays import D3, Bytes, Floats, H, N, W
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import matrix_from_quaternion, quaternion_wxyz
 from handtrack_app import viser_internals as internals
+from handtrack_app.page.html import bordered, pictures
 from handtrack_app.page.html import picture as as_html
-from handtrack_app.page.html import pictures
 from handtrack_app.page.page import Client, Page, put
 from handtrack_app.page.scene.camera_view import Moments
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
@@ -71,8 +72,6 @@ class Looking:
         """name_of: what stands beside a camera's picture; cards: the session's cameras, as they are now."""
         self._page, self._name_of, self._cards = page, name_of, cards
         self._hand: tuple[Floats[N, D3], Floats[N]] | None = None
-        self.changed: Callable[[Client], None] = lambda client: None
-        """told of every change of a page's camera view"""
         self._close: dict[str, str] = {}
         """close pictures by camera, as HTML"""
         self._close_of: int | None = None
@@ -253,7 +252,7 @@ class Looking:
         with client.lock:
             if client.view is not None:
                 client.view.task = task
-                self.changed(client)
+                self._describe(client)
 
     def leave(self, client: Client) -> None:
         """Let a page look freely again, from wherever it is put next."""
@@ -263,7 +262,7 @@ class Looking:
                 messages, (least, most) = internals.messages, _FREE_M
                 internals.send(client.handle, messages.SetCameraMaxOrbitDistanceMessage(most))
                 internals.send(client.handle, messages.SetCameraMinOrbitDistanceMessage(least))
-                self.changed(client)
+                self._describe(client)
 
     def look_freely(self, client: Client, view: Viewpoint) -> None:
         """Move a page's view, unless it looks through a camera by now."""
@@ -336,7 +335,7 @@ class Looking:
             if away > _LEFT_M:
                 if not view.left and time.monotonic() - view.sent[-1].when > _SETTLED_S:
                     view.left = True
-                    self.changed(client)
+                    self._describe(client)
                 return
             near = float(np.linalg.norm(direction))
             ahead = matrix_from_quaternion(camera.wxyz)[:, 2]
@@ -365,7 +364,7 @@ class Looking:
             view.follows = False
         view.left = False
         if before != (view.zoom, view.follows, view.left):
-            self.changed(client)
+            self._describe(client)
 
     # ---- inside
 
@@ -376,7 +375,17 @@ class Looking:
         view.sent.append(_SentView(time.monotonic(), direction, view.zoom, view.follows))
         there = Viewpoint(centre, centre + direction, -observed.rotation[:, 1], observed.fov)
         look_from(client.handle, there, (_NEAR_M / MOST ** (1 / _NOTCHES), _NEAR_M))
-        self.changed(client)
+        self._describe(client)
+
+    def _describe(self, client: Client) -> None:
+        """Write the line about a page's view."""
+        line, view = client.view_line, client.view
+        if view is not None:
+            client.view_line = line = line or client.handle.gui.add_html("", order=0.5)
+            put(line, content=self._page.phrase(view.words))
+        elif line is not None:
+            client.view_line = None
+            line.remove()
 
     def _at_hand(self, view: CameraView) -> Zoom | None:
         box = None if self._hand is None else box_of(view.card, *self._hand)
@@ -476,6 +485,19 @@ class CameraView:
     task: str = ""
     """what the user is to do in it, in words"""
     sent: deque[_SentView] = field(default_factory=lambda: deque(maxlen=32))
+
+    @property
+    def words(self) -> str:
+        """The line about it."""
+        name = html.escape(self.card.name)
+        words, colour = f"<b>{name}</b>, {self.zoom.times:.1f} ×", "#56b4e9"
+        if self.follows:
+            words += ", follows the {kind}"
+        if self.left:
+            words, colour = f"<b>You left {name}:</b> C goes back", "#e69f00"
+        if self.task:
+            words += f"<br>{html.escape(self.task)}"
+        return bordered(words, colour)
 
     @property
     def eye(self) -> Eye:
