@@ -38,10 +38,10 @@ def palm_mm(result, joint):
 
 def test_a_good_cloud_is_left_to_all_joints():
     seen = views(FINE)[:2]
-    results = tracked(seen)
+    results = tracked(seen, **QUICK)
     assert [r.status for r in results] == [Status.TRACKED] * 2
     assert not any(r.poor_cloud for r in results)
-    without = tracked(seen, **{"model.fallback": "none"})
+    without = tracked(seen, **QUICK, **{"model.fallback": "none"})
     for one, other in zip(results, without, strict=True):
         assert_array_equal(one.parameters, other.parameters)
 

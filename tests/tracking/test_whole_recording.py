@@ -15,6 +15,7 @@ from handtrack.tracking.sequence import track_frames, track_recording
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.whole.likelihood import Recording
 from handtrack.tracking.whole.recording_estimate import _bridged, refine, refine_near
+from tests.tracking.scenes import QUICK
 from tests.tracking.test_shared_cameras import BENT, HAND, points_of
 
 FRAMES, FPS, SIGMA_M = 40, 30.0, 0.004
@@ -218,5 +219,7 @@ def test_stopped_no_frame_beside_a_keyframe_changes():
 
 def _followed_while(hidden, poses, points):
     observe = _seen(hidden, points)
-    path = track_frames(Tracker(HAND), observe, 0, poses[0], range(len(poses)))
+    path = track_frames(
+        Tracker(HAND, TrackerSettings().with_values(QUICK)), observe, 0, poses[0], range(len(poses))
+    )
     return observe, list(path)
