@@ -209,27 +209,21 @@ def write(path: Path, table: ResultsTable) -> None:
 def _poses(
     model: ManoModel, betas: Floats[K], wanted: Floats[F, D21, D3]
 ) -> tuple[Floats[F, D16, D3], Floats[F, D3]]:
+    from scipy.spatial.transform import Rotation
+
     poses, places = [], []
     state = np.zeros(3 * JOINTS + 3)
     for i, points in enumerate(wanted):
         if i == 0:
-            state[:3], state[-3:] = _rigid(
-                model.keypoints21(betas, state[None, :-3].reshape(1, -1, 3), np.zeros((1, 3)))[0],
-                points,
-            )
+            rest = model.keypoints21(betas, np.zeros((1, JOINTS, 3)), np.zeros((1, 3)))[0]
+            # the turn about the wrist and the shift that bring it nearest (Kabsch)
+            turn: Any = Rotation.align_vectors(points - points.mean(0), rest - rest.mean(0))[0]
+            moved = turn.apply(rest - rest[0]) + rest[0]
+            state[:3], state[-3:] = turn.as_rotvec(), (points - moved).mean(axis=0)
         state = _fitted(model, betas, state, points)
         poses.append(state[:-3].reshape(JOINTS, 3))
         places.append(state[-3:])
     return np.array(poses), np.array(places)
-
-
-def _rigid(points: Floats[D21, D3], wanted: Floats[D21, D3]) -> tuple[Floats[D3], Floats[D3]]:
-    """Return the turn [rad] about the wrist and the shift [m] that bring points nearest to others (Kabsch)."""
-    from scipy.spatial.transform import Rotation
-
-    turn: Any = Rotation.align_vectors(wanted - wanted.mean(0), points - points.mean(0))[0]
-    moved = turn.apply(points - points[0]) + points[0]
-    return turn.as_rotvec(), (wanted - moved).mean(axis=0)
 
 
 def _fitted(
@@ -348,16 +342,12 @@ class _Arrays(pickle.Unpickler):
 
             return getattr(scipy.sparse, name)
         if (module, name) in (("copy_reg", "_reconstructor"), ("copyreg", "_reconstructor")):
-            return _reconstructed
+            return lambda kind, *_: kind.__new__(kind)
         if (module, name) in (("__builtin__", "object"), ("builtins", "object")):
             return object
         if root == "numpy" and name in ("_reconstruct", "ndarray", "dtype", "scalar"):
             return super().find_class(module, name)
         raise pickle.UnpicklingError(f"it asks for {module}.{name}")
-
-
-def _reconstructed(kind: Any, *_: Any) -> Any:
-    return kind.__new__(kind)
 
 
 def _dense(value: Any) -> Array[*Axes]:

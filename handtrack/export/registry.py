@@ -77,34 +77,28 @@ class ExportFormat:
                 f"{' '.join(missing)}`, or choose another format."
             )
         if landmarks:
-            table = self._in_landmarks(table, landmarks)
+            from handtrack.model.articulated import JOINT_CENTRES
+
+            if self.one_skeleton and landmarks != JOINT_CENTRES:
+                pointed = ", ".join(known.name for known in FORMATS if not known.one_skeleton)
+                raise HandtrackError(
+                    f"--landmarks {landmarks}: {self.name} holds a skeleton, whose joints are the model's own. Formats that hold points: "
+                    f"{pointed}. Leave out --landmarks."
+                )
+            table = replace(table, track=table.track.in_landmarks(landmarks, table.source))
         if up:
-            table = self._standing(table, up)
+            from handtrack.export.upright import upright
+
+            if not self.up:
+                turned = ", ".join(known.name for known in FORMATS if known.up)
+                raise HandtrackError(
+                    f"--up {up}: {self.name} keeps the world's axes, as the calibration has them: its readers ask for none that points "
+                    f"up. Those that do: {turned}. Leave out --up."
+                )
+            table = replace(table, track=upright(table.track, up, self.up))
         module, _, function = self.module.partition(":")
         write: Write = getattr(import_module(f"handtrack.export.{module}"), function or "write")
         return [path, *(write(path, table) or ())]
-
-    def _in_landmarks(self, table: ResultsTable, landmarks: str) -> ResultsTable:
-        from handtrack.model.articulated import JOINT_CENTRES
-
-        if self.one_skeleton and landmarks != JOINT_CENTRES:
-            pointed = ", ".join(known.name for known in FORMATS if not known.one_skeleton)
-            raise HandtrackError(
-                f"--landmarks {landmarks}: {self.name} holds a skeleton, whose joints are the model's own. Formats that hold points: "
-                f"{pointed}. Leave out --landmarks."
-            )
-        return replace(table, track=table.track.in_landmarks(landmarks, table.source))
-
-    def _standing(self, table: ResultsTable, up: str) -> ResultsTable:
-        from handtrack.export.upright import upright
-
-        if not self.up:
-            turned = ", ".join(known.name for known in FORMATS if known.up)
-            raise HandtrackError(
-                f"--up {up}: {self.name} keeps the world's axes, as the calibration has them: its readers ask for none that points "
-                f"up. Those that do: {turned}. Leave out --up."
-            )
-        return replace(table, track=upright(table.track, up, self.up))
 
 
 FORMATS: tuple[ExportFormat, ...] = (

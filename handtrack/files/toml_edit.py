@@ -73,7 +73,11 @@ def changed_toml(text: str, changes: Mapping[str, Any]) -> str:
         for name, value in changes.items():
             keys = name.split(".")
             for path, item in _single(wished, keys, None if value is None else toml_item(value)):
-                _put_plain(wished, path, item)
+                table, left = _inner(wished, path)
+                if item is None:
+                    table.pop(left[0], None)
+                else:
+                    table[left[0]] = _nested(left[1:], item.unwrap())
                 _put(document, path, item)
         after = document.as_string()
         stands = tomllib.loads(after)
@@ -108,14 +112,6 @@ def _inner(tables: Any, keys: list[str]) -> tuple[Any, list[str]]:
         if not isinstance(tables, dict):
             raise ValueError(f"'{table}' is no table")
     return tables, keys
-
-
-def _put_plain(tables: dict[str, Any], keys: list[str], item: Item | None) -> None:
-    table, left = _inner(tables, keys)
-    if item is None:
-        table.pop(left[0], None)
-    else:
-        table[left[0]] = _nested(left[1:], item.unwrap())
 
 
 def _put(document: tomlkit.TOMLDocument, keys: list[str], item: Item | None) -> None:

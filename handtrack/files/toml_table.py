@@ -64,11 +64,15 @@ def read_table(kind: type[T], table: Any, where: str, also: Sequence[str] = (), 
                 f"{where}: unknown key '{key}'; {listed_names(key, known, 'known keys')}"
             )
     types = _types(kind)
-    values = {
-        key: _converted(value, types[key], f"{where}: {key}")
-        for key, value in table.items()
-        if key not in ready and key not in also
-    }
+    values = dict[str, Any]()
+    for key in [key for key in table if key not in ready and key not in also]:
+        try:
+            values[key] = msgspec.convert(table[key], types[key])
+        except msgspec.ValidationError:
+            expected = " or ".join(_words(types[key]))
+            raise HandtrackError(
+                f"{where}: {key} = {shown(table[key])}; expected {expected}."
+            ) from None
     for field in fields(kind):  # type: ignore[arg-type]
         if field.default is MISSING and field.default_factory is MISSING:
             required({**table, **ready}, field.name, where)
@@ -103,14 +107,6 @@ def shown(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f'"{value}"' if isinstance(value, str) else str(value)
-
-
-def _converted(value: Any, kind: Any, what: str) -> Any:
-    try:
-        return msgspec.convert(value, kind)
-    except msgspec.ValidationError:
-        expected = " or ".join(_words(kind))
-        raise HandtrackError(f"{what} = {shown(value)}; expected {expected}.") from None
 
 
 def _words(kind: Any) -> list[str]:

@@ -125,7 +125,14 @@ class JointDetection:
         self._detections: dict[int, dict[str, dict[int, DetectedHand]]] = {}
         self._own: dict[str, dict[int, int]] = {view.name: {} for view in self.views}
         for view in self.views:
-            _check_folder(session.folder, view.name)
+            name = f"{KEYPOINTS_FOLDER}/{view.name}"
+            folder = inside(session.folder, name, str(session.folder))
+            for path in sorted(folder.glob("*")):
+                if written_by(path) != _WRITER:
+                    raise HandtrackError(
+                        f"{path} was not written by `{_WRITER}`, so {name} is left as it is. Move these files away, and say in "
+                        f"{SESSION_FILE} where they are if they are to be used."
+                    )
 
     def step(self, frame: int) -> None:
         """Look for hands in all images of a frame."""
@@ -156,13 +163,18 @@ class JointDetection:
             for view in self.views:
                 if view.name in seen:
                     mine = ours.get(view.name)
-                    tallies[view.name][_outcome(mine, seen[view.name])] += 1
+                    hands = seen[view.name]
+                    tallies[view.name]["images"] += 1
+                    tallies[view.name]["found"] += mine is not None
+                    if mine is None and hands:
+                        fits = any(hand.log_odds > 0 for hand in hands)
+                        tallies[view.name]["unfit" if fits else "other side"] += 1
                     path = joint_file(self.session.folder, view.name, self._own[view.name][frame])
                     path.parent.mkdir(parents=True, exist_ok=True)
                     points = None if mine is None else _with_confidence(mine.hand, view)
                     write_points(path, points, LAYOUTS[f"hand_{side}"], _WRITER)
         return [
-            CameraDetection(name, n.total(), n["found"], n["other side"], n["unfit"])
+            CameraDetection(name, n["images"], n["found"], n["other side"], n["unfit"])
             for name, n in tallies.items()
         ]
 
@@ -234,25 +246,6 @@ def _views(session: Session, cameras: Sequence[str]) -> list[View]:
             "cameras with --camera, or give it a video or numbered files."
         )
     return [view for view in chosen if view.images is not None]
-
-
-def _check_folder(folder: Path, camera: str) -> None:
-    """Raise HandtrackError where files of others lie, or the folder leads out of the session."""
-    name = f"{KEYPOINTS_FOLDER}/{camera}"
-    where = inside(folder, name, str(folder))
-    for path in sorted(where.glob("*")) if where.is_dir() else ():
-        if written_by(path) != _WRITER:
-            raise HandtrackError(
-                f"{path} was not written by `{_WRITER}`, so {name} is left as it is. Move these files away, and say in "
-                f"{SESSION_FILE} where they are if they are to be used."
-            )
-
-
-def _outcome(mine: HandObservation | None, hands: Sequence[HandObservation]) -> str:
-    """Return what became of a view's hands in one frame."""
-    if mine is not None or not hands:
-        return "found" if mine is not None else "nobody"
-    return "unfit" if any(hand.log_odds > 0 for hand in hands) else "other side"
 
 
 def _with_confidence(hand: DetectedHand, view: View) -> Floats[D21, D3]:

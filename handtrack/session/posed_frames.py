@@ -12,7 +12,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
-from handtrack.session.session_state import SessionState, marked_frames, readable
+from handtrack.session.session_state import marked_frames, readable
 from handtrack.store.store import Store
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -35,8 +35,14 @@ def posed_frames(
     store = Store(run.session.folder / TRACKS_FOLDER)
     state, frames = readable(store.state()), run.session.known_frames
     decided = {frame: pose for frame, pose in state.pose.items() if not pose.carried}
-    if decided:
-        run = _sized(run, state)
+    if (
+        decided
+    ):  # the size and forearm that were found or set; a size still to be fitted does not count
+        size, arm_m = state.size, state.forearm
+        if arm_m is not None and arm_m != run.arm_m:
+            run = run.with_forearm(arm_m)
+        if size is not None and not size.pending:
+            run = run.with_scale(size.scale)
     model = run.model
     fixed, guides = dict[int, FrameResult](), dict[int, Floats]()
     rest = model.joint_params(run.initial()[1] if run.first is not None else model.rest_params())
@@ -54,14 +60,6 @@ def posed_frames(
         fixed[frame] = keyframe_result(run, frame, guides.pop(frame))
     fixed |= _tracked(store, model, accepted.intersection(frames) - fixed.keys())
     return run, dict(sorted(fixed.items())), dict(sorted(guides.items()))
-
-
-def _sized(run: TrackingRun, state: SessionState) -> TrackingRun:
-    """Return the run with the size and forearm that were found or set in the workbench; one still to be fitted does not count."""
-    size, arm_m = state.size, state.forearm
-    if arm_m is not None and arm_m != run.arm_m:
-        run = run.with_forearm(arm_m)
-    return run if size is None or size.pending else run.with_scale(size.scale)
 
 
 def _tracked(

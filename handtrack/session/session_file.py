@@ -205,7 +205,13 @@ def read_session_file(path: Path) -> SessionFile:
             f"{path}: the table [session] is missing; it needs `format = {FORMAT}` and `fps`."
         )
     recording = _recording(tables["session"], path)
-    hand = _hand(tables.get("hand", {}), f"{path}, [hand]")
+    where = f"{path}, [hand]"
+    hand = read_table(HandSettings, tables.get("hand", {}), where)
+    if hand.model not in MODELS and not is_definition(hand.model):
+        known, others = listed_names(hand.model, MODELS, "known models"), ", ".join(OTHERS)
+        raise HandtrackError(
+            f'{where}: model = "{hand.model}" is no model, and no path of a definition (.toml, {others}); {known}'
+        )
     cameras = _cameras(tables.get("camera"), path)
     clouds = None
     if "clouds" in tables:
@@ -220,23 +226,20 @@ def write_session_file(path: Path, file: SessionFile) -> None:
     """Write a session.toml that reads back as the same settings."""
     import tomlkit  # slow to import, and most commands only read
 
+    cameras = []
+    for camera in file.cameras:
+        masks, lens = camera.masks, camera.lens and vars(camera.lens)
+        masks = masks if isinstance(masks, str | None) else mask_method_table(masks)
+        cameras.append(_items(vars(camera) | {"masks": masks, "lens": lens}))
     tables = {
         "session": _items({"format": FORMAT, **vars(file.session)}),
         "hand": _items(vars(file.hand)),
-        "camera": [_items(_camera_values(camera)) for camera in file.cameras],
+        "camera": cameras,
         "clouds": _items(file.clouds.table if file.clouds else {}),
         "tracking": dict(file.tracking),
     }
     text = tomlkit.dumps({name: table for name, table in tables.items() if table})
     Path(path).write_text(text, encoding="utf-8")
-
-
-def _camera_values(camera: CameraSettings) -> dict[str, Any]:
-    masks = camera.masks
-    return vars(camera) | {
-        "masks": masks if isinstance(masks, str | None) else mask_method_table(masks),
-        "lens": camera.lens and vars(camera.lens),
-    }
 
 
 def _items(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -259,16 +262,6 @@ def _recording(given: Any, path: Path) -> RecordingSettings:
     if recording.fps is None and recording.timestamps is None:
         raise HandtrackError(f"{where}: give `fps` (frames a second) or `timestamps` (a csv file).")
     return recording
-
-
-def _hand(table: Any, where: str) -> HandSettings:
-    hand = read_table(HandSettings, table, where)
-    if hand.model not in MODELS and not is_definition(hand.model):
-        known, others = listed_names(hand.model, MODELS, "known models"), ", ".join(OTHERS)
-        raise HandtrackError(
-            f'{where}: model = "{hand.model}" is no model, and no path of a definition (.toml, {others}); {known}'
-        )
-    return hand
 
 
 def _cameras(tables: Any, path: Path) -> tuple[CameraSettings, ...]:

@@ -119,15 +119,6 @@ def _own_form(default: Any, of: Callable[[Any], Any], write: Callable[[Any], Val
     return field(default=default, metadata={"read": of, "write": write})
 
 
-def _arm_read(said: bool | float) -> float:
-    return math.inf if said is True else float(said)
-
-
-def _arm_written(arm_m: float) -> bool | float:
-    """Return whether there is a forearm, or where it ends: JSON has no infinity."""
-    return arm_m if 0 < arm_m < math.inf else arm_m > 0
-
-
 Frames = tuple[tuple[int, int], ...]
 """a mark: the frames that have it, half-open"""
 Key = tuple[str, Any]
@@ -152,8 +143,12 @@ class SessionState:
     pins: Mapping[int, FramePins] = field(default_factory=dict)
     size: DecidedSize | None = _own_form(None, DecidedSize.of, lambda size: size.table)
     clouds: CloudTable | None = None
-    forearm: float | None = _own_form(None, _arm_read, _arm_written)
-    """`TrackingRun.arm_m`"""
+    forearm: float | None = _own_form(
+        None,
+        lambda said: math.inf if said is True else float(said),
+        lambda arm_m: arm_m if 0 < arm_m < math.inf else arm_m > 0,
+    )
+    """`TrackingRun.arm_m`; written as whether there is one, or where it ends: JSON has no infinity"""
     start: StartPose | None = None
     accepted: Frames = ()
     """frames that a person accepted: no tracking changes what shows there"""

@@ -175,11 +175,19 @@ def read_ply(path: Path, most: int) -> tuple[Floats[N, D3], Array[N, D3] | None,
         return np.zeros((0, 3)), None, 0
     if count > path.stat().st_size:  # do not believe any header
         raise _cut_off(path, count, "fewer")
-    read = _binary if order else _ascii
     kind = np.dtype([(name, order + kind) for name, kind in fields])
-    table = read(path, kind, count, start, spread_part(count, most))
+    picked = spread_part(count, most)
+    if order:
+        found = max(path.stat().st_size - start, 0) // kind.itemsize
+        if found < count:
+            raise _cut_off(path, count, found)
+        table = np.array(np.memmap(path, kind, "r", offset=start, shape=(count,))[picked])
+    else:
+        table = _ascii(path, kind, count, start, picked)
     points = np.column_stack([table[axis] for axis in "xyz"]).astype(float)
-    return points, _colors(table, names), count
+    triple = next((triple for triple in _COLOURS if set(triple) <= set(names)), None)
+    colors = triple and _eight_bit(np.column_stack([table[name] for name in triple]))
+    return points, colors, count
 
 
 def spread_part(count: int, most: int) -> Array[M]:
@@ -225,14 +233,6 @@ def _header(path: Path) -> tuple[str, int, list[tuple[str, str]], int]:
     return order, count, fields, start
 
 
-def _binary(path: Path, kind: np.dtype, count: int, start: int, picked: Array) -> Array:
-    found = max(path.stat().st_size - start, 0) // kind.itemsize
-    if found < count:
-        raise _cut_off(path, count, found)
-    rows = np.memmap(path, kind, "r", offset=start, shape=(count,))
-    return np.array(rows[picked])
-
-
 def _ascii(path: Path, kind: np.dtype, count: int, start: int, picked: Array) -> Array:
     wanted = np.zeros(count, bool)
     wanted[picked] = True
@@ -265,10 +265,3 @@ def _cut_off(path: Path, announced: int, found: int | str) -> HandtrackError:
         f"{path}: announces {announced} points, but holds {found}; the file is cut off. Write it "
         "again."
     )
-
-
-def _colors(table: Array, names: list[str]) -> Array | None:
-    for triple in _COLOURS:
-        if set(triple) <= set(names):
-            return _eight_bit(np.column_stack([table[name] for name in triple]))
-    return None

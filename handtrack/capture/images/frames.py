@@ -254,7 +254,12 @@ class ImageFiles:
             self._notes.add(frame, f"{path}: {problem}; frame {frame} counts as missing.")
             return None
         if self._kind == DEPTH:
-            _check_depth(image, path)
+            if image.dtype != np.uint16 or image.ndim != 2:
+                raise HandtrackError(
+                    f"{path}: depth must be one channel of 16 bits; found {image.dtype}, shape "
+                    f"{image.shape}. Eight bits, or colours, are a picture of depth, too coarse to measure by: export "
+                    "16 bit PNG or TIFF files, and say in depth_scale_m how many metres one unit is."
+                )
         elif self._kind == MASK:
             image = _mask(image, path)
         elif self._kind == COLOUR and not self._looked_closer:
@@ -349,15 +354,6 @@ def _decoded(data: bytes, flags: int) -> Array | None:
         if error.code == cv2.Error.StsNoMem:
             raise MemoryError(error.err) from None
         return None  # larger than OpenCV allows
-
-
-def _check_depth(image: Array, path: Path) -> None:
-    if image.dtype != np.uint16 or image.ndim != 2:
-        raise HandtrackError(
-            f"{path}: depth must be one channel of 16 bits; found {image.dtype}, shape "
-            f"{image.shape}. Eight bits, or colours, are a picture of depth, too coarse to measure by: export "
-            "16 bit PNG or TIFF files, and say in depth_scale_m how many metres one unit is."
-        )
 
 
 def _mask(image: Array, path: Path) -> Bytes:

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.capture.images.frames import files_by_frame
-from handtrack.capture.joints.csv_joints import read_csv_joints
 from handtrack.capture.joints.given_joints import LARGEST, ImportedJoints
-from handtrack.capture.joints.h5_joints import read_h5_joints
 from handtrack.capture.joints.json_joints import read_json_joints, read_openpose_files
+from handtrack.capture.joints.table_joints import read_csv_joints, read_h5_joints
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import check_file, first_bytes, read_json, read_text
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -71,7 +71,11 @@ class Seeded:
 
     def learned(self, source: FrameSource, seeds: Seeds, roi: Roi | None = None) -> SeededMasks:
         """Return what makes masks, after one look at sampled frames. Raises HandtrackError with fewer than 3 that show a hand."""
-        samples = list(_samples(source, seeds, self.samples))
+        samples = [
+            (image, found)
+            for frame in evenly_spread(len(source.frames), self.samples)
+            if (found := seeds(frame)) is not None and (image := source.read(frame)) is not None
+        ]
         if len(samples) < _LEAST_SAMPLES:
             raise HandtrackError(
                 f"{source.where}: mask method seeded learns from images in which the hand was found, at least "
@@ -188,14 +192,6 @@ class _Part:
         way = np.linalg.solve(spread, means[0] - means[1])
         way /= np.sqrt(way @ spread @ way) + 1e-9
         return (values @ way.astype(np.float32)).reshape(self.bins.shape)
-
-
-def _samples(source: FrameSource, seeds: Seeds, count: int) -> Iterator[_Sample]:
-    for frame in evenly_spread(len(source.frames), count):
-        found = seeds(frame)
-        image = source.read(frame) if found is not None else None
-        if found is not None and image is not None:
-            yield image, found
 
 
 def _background(samples: list[_Sample]) -> tuple[Array, Array] | None:

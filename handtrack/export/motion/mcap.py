@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, Floats, N
+from handtrack.arrays import Floats, N
 from handtrack.export.motion.urdf import urdf_text
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
@@ -87,10 +87,8 @@ def write(path: Path, table: ResultsTable) -> None:
         base = table.model.skeleton.bone_names[0]
         for i in np.flatnonzero(~table.is_lost):
             stamp = round(track.time_s[i] * _NS)
-            header, placed = (
-                _header(stamp, "world"),
-                _pose(track.T_world_bone[i, 0, :3, 3], turns[i]),
-            )
+            header = _header(stamp, "world")
+            placed = ("d", *track.T_world_bone[i, 0, :3, 3], *np.roll(turns[i], -1))
             for channel, message in (
                 (state, _joint_state(stamp, names, track.parameters[i, 6:])),
                 (pose, _cdr(*header, placed)),
@@ -121,7 +119,3 @@ def _joint_state(stamp: int, names: tuple[str, ...], position: Floats[N]) -> byt
     turns = [("d", *position)] if len(position) else []
     counts = ("I", len(names)), ("I", len(position)), ("I", 0)
     return _cdr(*_header(stamp, ""), counts[0], *names, counts[1], *turns, counts[2], counts[2])
-
-
-def _pose(place: Floats[D3], wxyz: Floats[D4]) -> tuple[Any, ...]:
-    return ("d", *place, *np.roll(wxyz, -1))

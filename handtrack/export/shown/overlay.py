@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Array, F, Floats, H, Ints, J, W
+from handtrack.arrays import D3, Array, Floats, H, J, W
 from handtrack.diagnostics.residual_image import outline_polygons
 from handtrack.errors import HandtrackError
 from handtrack.export.shown.mesh import joint_links
@@ -43,7 +43,12 @@ def write(path: Path, table: ResultsTable) -> None:
         )
     session, table = Session.open(table.session_folder), table.without_gaps
     track = table.track
-    cameras = [view.name for view in session.views if _has_images(session, view.name, track.frame)]
+    asked = track.frame[[0, len(track) // 2, -1]].tolist()
+    cameras = [
+        view.name
+        for view in session.views
+        if any(_image_or_mask(session, view.name, frame) is not None for frame in asked)
+    ]
     if not cameras:
         raise HandtrackError(
             f"{table.session_folder}: no camera has images or masks in frames {track.frame[0]} to {track.frame[-1]}, so that there is "
@@ -77,11 +82,6 @@ def write(path: Path, table: ResultsTable) -> None:
 
 _Drawn = tuple[Ellipsoids, Floats[J, D3], list[tuple[int, int]]]
 """flesh, joints in the world [m] and links between them: what is drawn over an image"""
-
-
-def _has_images(session: Session, name: str, frames: Ints[F]) -> bool:
-    asked = (int(frames[0]), int(frames[len(frames) // 2]), int(frames[-1]))
-    return any(_image_or_mask(session, name, frame) is not None for frame in asked)
 
 
 def _image_or_mask(session: Session, name: str, frame: int) -> Array | None:

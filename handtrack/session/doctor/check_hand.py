@@ -45,7 +45,13 @@ def check_init(session: Session) -> Iterator[Finding]:
         yield _no_first_pose(session)
         return
     if pose.pixels:
-        yield from _check_pixels(session, pose)
+        strange = [name for name in pose.pixels if name not in session.camera_names]
+        if strange:
+            known = ", ".join(session.camera_names)
+            yield error(f"init.json: no camera '{strange[0]}' in this session; known: {known}.")
+            return
+        views = "one camera" if len(pose.pixels) == 1 else f"{len(pose.pixels)} cameras"
+        yield ok(f"init.json: keypoints in the images of {views} at frame {pose.frame}.")
         return
     if pose.xyz is not None:
         yield from check_palm("init.json", pose.xyz)
@@ -104,16 +110,6 @@ def _misses_cloud(session: Session, frame: int, points: Floats) -> list[str]:
         f"its joints are {away:.2g} m away from the nearest points of the cloud (median). Is the unit right (world_unit_m, "
         "depth_scale_m), and do cloud, calibration and pose mean the same world?"
     ]
-
-
-def _check_pixels(session: Session, pose: FirstPose) -> Iterator[Finding]:
-    strange = [name for name in pose.pixels if name not in session.camera_names]
-    if strange:
-        known = ", ".join(session.camera_names)
-        yield error(f"init.json: no camera '{strange[0]}' in this session; known: {known}.")
-        return
-    views = "one camera" if len(pose.pixels) == 1 else f"{len(pose.pixels)} cameras"
-    yield ok(f"init.json: keypoints in the images of {views} at frame {pose.frame}.")
 
 
 def check_side(session: Session) -> Iterator[Finding]:

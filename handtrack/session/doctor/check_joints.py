@@ -53,7 +53,7 @@ def check_joints(session: Session) -> Iterator[Finding]:
     else:
         odd = list(map(warning, _fingers_elsewhere(names, seen)))
         yield from odd or [ok(f"joints of {len(seen)} cameras meet in space to {_words(found)}.")]
-    yield from _check_size(session, names, _by_frame(points, names))
+    yield from _check_size(session, names, points.reshape(-1, len(names), 3))
 
 
 _NOTHING_FITS = "Was a camera moved, does a matrix belong to another image size, or do frames of equal number show different moments?"
@@ -129,10 +129,6 @@ def _match(seen: Sequence[_View], rows: Sequence[int] | None = None) -> _Match |
     )
     px = np.nanmax(np.nan_to_num(missed[:, both], nan=-1.0, posinf=1e9), axis=0)
     return float(np.median(worst)), float(np.median(px)), points
-
-
-def _by_frame(points: Floats[N, D3], names: Sequence[str]) -> Floats[T, J, D3]:
-    return points.reshape(-1, len(names), 3)
 
 
 def _extent(pixels: Floats[T, J, D2]) -> float:
@@ -212,7 +208,7 @@ def joint_lines(session: Session) -> list[Floats[N, D3]]:
     hand = keypoint_names()
     if len(seen) < 2 or not set(hand) <= set(names) or (found := _match(seen)) is None:
         return []
-    xyz = _by_frame(found[2], names)[:, indices(names, hand)]
+    xyz = found[2].reshape(-1, len(names), 3)[:, indices(names, hand)]
     best = xyz[int(np.argmax(np.isfinite(xyz).all(axis=2).sum(axis=1)))]
     rows = [best[[0, *range(k, k + 4)]] for k in range(1, 21, 4)]
     return [row[np.isfinite(row).all(axis=1)] for row in rows if np.isfinite(row).all(axis=1).any()]

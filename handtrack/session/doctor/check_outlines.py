@@ -41,7 +41,14 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
                 f"camera '{name}': in {len(there)} of the {len(frames)} frames looked at, its mask shows something that is hand in none of "
                 f"the other cameras (frames {listed(there)}). Tracking leaves such masks out. Is a shadow or another object taken for the hand there?"
             )
-    seen = [(view.camera, _outlines(view, frames, other[view.name])) for view in views]
+    seen: list[_View] = []
+    for view in views:
+        masks = {frame: view.mask(frame) for frame in frames if frame not in other[view.name]}
+        outlines = [
+            None if (mask := masks.get(f)) is None else _outline(mask, view.unknown_at(f), view)
+            for f in frames
+        ]
+        seen.append((view.camera, outlines))
     pairs = list(combinations(seen, 2))
     apart = [_pixels_apart(a, b) for a, b in pairs]
     off = [
@@ -162,14 +169,6 @@ def _showing_other(views: Sequence[View], frames: Sequence[int]) -> dict[str, li
         if len(odd := suspected(seen)) == 1:
             found[odd[0].camera.name].append(frame)
     return found
-
-
-def _outlines(view: View, frames: Sequence[int], without: Sequence[int]) -> list[_Outline | None]:
-    masks = (None if frame in without else view.mask(frame) for frame in frames)
-    return [
-        None if mask is None else _outline(mask, view.unknown_at(frame), view)
-        for frame, mask in zip(frames, masks, strict=True)
-    ]
 
 
 def _outline(mask: Bytes, unknown: int | None, view: View) -> _Outline:

@@ -142,7 +142,14 @@ class LiveRecording:
             shutil.copyfile(model, self.folder / model.name)
         write_scale(self.folder / HAND_FILE, run.scale)
         hand = replace(file.hand, scale=HAND_FILE, model=getattr(model, "name", model))
-        tracking = _nested(_changed(run.settings.flat()))
+        usual = TrackerSettings().flat()
+        tracking = _nested(
+            {
+                name: value
+                for name, value in run.settings.flat().items()
+                if value not in (usual.get(name), LIVE_SETTINGS.get(name, usual.get(name)))
+            }
+        )
         whole = replace(file, session=recording, cameras=cameras, hand=hand, tracking=tracking)
         write_session_file(self.folder / SESSION_FILE, whole)
         good = next((r for _, r in sorted(self._results.items()) if r.fits), None)
@@ -191,13 +198,6 @@ class LiveRecording:
 
 def _video_name(index: int) -> str:
     return f"camera{index}.avi"
-
-
-def _changed(settings: Mapping[str, object]) -> dict[str, object]:
-    """Return the settings that are not as usual, but for those that only a live source has."""
-    usual, live = TrackerSettings().flat(), LIVE_SETTINGS
-    changed = {name: value for name, value in settings.items() if value != usual.get(name)}
-    return {name: v for name, v in changed.items() if name not in live or v != live[name]}
 
 
 def _nested(settings: Mapping[str, object]) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.observation.observation import Observation
-from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.formats.timestamps import FrameTimes
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
 from handtrack.session.session import Session, session_rig
@@ -142,7 +141,15 @@ def open_live(
     file = replace(
         file, cameras=tuple(_as_live(c, folder) for c in file.cameras if c.name in chosen)
     )
-    file = replace(file, clouds=_live_clouds(file.clouds, tuple(chosen)))
+    clouds = (
+        file.clouds
+    )  # those made of pairs of cameras that are here; others are the recording's own
+    if (
+        clouds is None
+        or not clouds.stereo
+        or not {n for p in clouds.stereo for n in p} <= {*chosen}
+    ):
+        file = replace(file, clouds=None)
     rig = CameraRig(tuple(rig[camera.name] for camera in file.cameras))
     cameras: list[LiveCamera] = []
     try:
@@ -215,10 +222,3 @@ def _note(names: list[str]) -> str:
         f"The masks of {', '.join(names)} are files of the recording, or made of depth images. Live, they are computed by "
         'the colour of skin; choose how with masks = { method = "skin_ycrcb", ... } in session.toml.'
     )
-
-
-def _live_clouds(clouds: CloudSettings | None, names: tuple[str, ...]) -> CloudSettings | None:
-    """Return [clouds] where they are made of pairs of cameras that are here; other clouds are the recording's own."""
-    if clouds is None or not clouds.stereo or any(n not in names for p in clouds.stereo for n in p):
-        return None
-    return clouds

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, Bytes, C, Floats, K
+from handtrack.arrays import D3, C, Floats, K
 from handtrack.capture.clouds.cloud_files import read_cloud
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.disparity import StereoSettings
 from handtrack.capture.clouds.point_cloud import PointCloud, merged
-from handtrack.capture.clouds.stereo import StereoMatcher, StereoView, check_pair
+from handtrack.capture.clouds.stereo import StereoMatcher, check_pair
 from handtrack.capture.images.frames import FrameNotes
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
@@ -86,31 +86,19 @@ class StereoClouds(CloudSource):
 
     def _read(self, index: int, frame: int) -> PointCloud | None:
         first, second, matcher = self._pairs[index]
-        images = first.image(frame), second.image(frame)
-        if images[0] is None or images[1] is None:
+        left, right = first.image(frame), second.image(frame)
+        if left is None or right is None:
             return None
-        taken = (images[0], images[1], first.hand_pixels(frame), second.hand_pixels(frame))
-        view = matcher.match(*taken)
+        images = left, right
+        view = matcher.match(*images, first.hand_pixels(frame), second.hand_pixels(frame))
         if view.asked > 0:  # an empty mask is no fault of the pair
-            self._check(index, frame, matcher, view, taken)
-        return matcher.triangulate(view)
-
-    def _check(
-        self,
-        index: int,
-        frame: int,
-        matcher: StereoMatcher,
-        view: StereoView,
-        taken: tuple[Bytes, Bytes, Bytes | None, Bytes | None],
-    ) -> None:
-        with self._lock:
-            if index in self._met:
-                return
-            self._met[index] = ""
-        problem = check_pair(matcher, view, *taken[:2])
-        if problem is not None:
             with self._lock:
-                self._met[index] = f"[clouds] stereo, frame {frame}, {problem}"
+                is_new = index not in self._met
+                self._met.setdefault(index, "")
+            if is_new and (problem := check_pair(matcher, view, *images)) is not None:
+                with self._lock:
+                    self._met[index] = f"[clouds] stereo, frame {frame}, {problem}"
+        return matcher.triangulate(view)
 
 
 class FileClouds(CloudSource):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from datetime import UTC, datetime
@@ -103,7 +103,11 @@ def files_read(session: Session) -> dict[str, str]:
     ):
         if setting is not None:
             with suppress(HandtrackError):  # none there
-                found[name] = _stamps(folder, matching_files(folder, setting, name))
+                files = matching_files(folder, setting, name)
+                known = [(place_of(path, folder), path.stat()) for path in files]
+                sizes = _digest(*(f"{name} {s.st_size}\n" for name, s in known))
+                times = _digest(*(f"{name} {s.st_mtime_ns}" for name, s in known))
+                found[name] = f"{sizes} {times}"
     return found
 
 
@@ -195,12 +199,6 @@ def _said(value: Any) -> Any:
 
 def _content(file: Path) -> str:
     return _digest(file.read_bytes()) if file.is_file() else "-"
-
-
-def _stamps(folder: Path, files: Iterable[Path]) -> str:
-    known = [(place_of(path, folder), path.stat()) for path in files]
-    sizes = _digest(*(f"{name} {s.st_size}\n" for name, s in known))
-    return f"{sizes} {_digest(*(f'{name} {s.st_mtime_ns}' for name, s in known))}"
 
 
 def _digest(*parts: str | bytes) -> str:

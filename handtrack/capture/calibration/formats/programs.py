@@ -10,6 +10,7 @@ import math
 import re
 import struct
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 from xml.etree.ElementTree import Element
@@ -429,11 +430,9 @@ def _binary_images(path: Path) -> _Images:
         images = []
         for _ in range(count):
             _, *pose, camera = _take(file, "<I7dI")
-            name = bytearray()
-            while (sign := file.read(1)) != b"\0":
-                if not sign or len(name) > 1000:
-                    raise ValueError("a name without end")
-                name += sign
+            name = b"".join(islice(iter(lambda: file.read(1), b"\0"), 1001))
+            if len(name) > 1000:
+                raise ValueError("a name without end")
             (points,) = _take(file, "<Q")
             file.seek(24 * points, 1)
             images.append((name.decode(), camera, tuple(pose)))

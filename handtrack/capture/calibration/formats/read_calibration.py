@@ -121,7 +121,10 @@ def _one(path: Path) -> ImportedRig:
         rig = read_tables(content, str(path), path.stem)
     if rig is None:
         raise _half(content, str(path)) or _unknown(path, content)
-    _check_names(rig, path)
+    names = [camera.name for camera in rig.cameras if camera.name is not None]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise HandtrackError(f"{path}: two cameras have the name '{twice}'; expected one each.")
     return rig
 
 
@@ -147,13 +150,6 @@ def _posed(
     if len(set(names)) < len(names):  # all say the same, such as "camera"
         cameras = tuple(replace(c, name=path.stem) for c, path in zip(cameras, paths, strict=True))
     return cameras
-
-
-def _check_names(rig: ImportedRig, path: Path) -> None:
-    names = [camera.name for camera in rig.cameras if camera.name is not None]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise HandtrackError(f"{path}: two cameras have the name '{twice}'; expected one each.")
 
 
 def _half(content: Any, where: str) -> HandtrackError | None:
