@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 
 from handtrack.arrays import D3, Array, C, Floats, Ints, N
-from handtrack.capture.clouds.cell_kernels import number_cells
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.setting import setting
@@ -287,6 +286,8 @@ def nearest_part(
 
 def thinned(points: Floats[N, D3], voxel_m: float, per_voxel: int = 1, seed: int = 0) -> Array[N]:
     """Return which points stay when each cell of side voxel_m keeps per_voxel random ones."""
+    from handtrack.capture.clouds.cell_kernels import number_cells  # the page does without Numba
+
     order = np.random.default_rng(seed).permutation(len(points))
     _, before = number_cells(cell_numbers(points, voxel_m)[order])
     keep = np.zeros(len(points), bool)
@@ -333,6 +334,8 @@ def _parts(points: Floats) -> Ints:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
+
+    from handtrack.capture.clouds.cell_kernels import number_cells  # the page does without Numba
 
     number, before = number_cells(cell_numbers(points, _LINK_M))
     cells = np.floor(points[before == 0] / _LINK_M)
