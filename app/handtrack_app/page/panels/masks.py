@@ -273,7 +273,9 @@ class CorrectingWidgets(Part):
         self._show_painting(client)
 
     def _end(self, client: Client) -> None:
-        self.stage.look(client.through, client)
+        """End the painting, whoever asks for that."""
+        painter = self._painter if self._painter in self.page.clients else client
+        self.stage.look(painter.through, painter)
 
     def _show_painting(self, painter: Client | None) -> None:
         """Take who paints; nobody does any more, for None."""

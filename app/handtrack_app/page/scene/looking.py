@@ -167,7 +167,9 @@ class Looking:
                     _place(screen, card, hand, larger)
 
     def listen(self, client: Client, pointed: Pointed) -> None:
-        """Tell where a page drags or clicks on the camera's image that it sees, until `hush`."""
+        """Tell where a page, and no other, drags or clicks on the camera's image that it sees, until `hush`."""
+        for other in self._page.clients:
+            self.hush(other)
         if client.screen is not None:
             client.pointed = pointed
             client.screen.image.on_click(partial(self._clicked, client))
