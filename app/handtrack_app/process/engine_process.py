@@ -91,6 +91,8 @@ class EngineProcess:
         self._plan = replace(plan, page=plan.page or uuid4().hex)
         self._publish, self._child = publish, child
         self._outbox = Outbox(self._hand_over)
+        self._telling = threading.RLock()
+        """of what is found and told in one: else `saved` could be told after the `saving` that came later"""
         self.engine = cast("Engine", Caller(self.call))
         """what the page calls; each call returns at once"""
         self._shown, self._opened = threading.Event(), threading.Event()
@@ -196,13 +198,16 @@ class EngineProcess:
                 child.send(1.0)
         elif isinstance(message, list):
             self.last_words = message
-        elif (text := self._outbox.see(cast("Snapshot", message))) is not None:
-            self._publish(text)
+        else:
+            with self._telling:
+                if (text := self._outbox.see(cast("Snapshot", message))) is not None:
+                    self._publish(text)
 
     def _publish_work(self, is_down: bool | None = None) -> None:
         """Say where what is saved is not as it was said last."""
-        if (work := self._outbox.work(is_down)) is not None:
-            self._publish(work)
+        with self._telling:
+            if (work := self._outbox.work(is_down)) is not None:
+                self._publish(work)
 
     def _report_end(self, code: int) -> bool:
         """Say how the engine ended; return whether it begins again by itself."""

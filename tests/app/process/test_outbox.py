@@ -1,7 +1,10 @@
 """What the page keeps until it is on disk, and repeats to the next engine."""
 
+from threading import Thread
+
 from handtrack_app.engine.open_session import COMMANDS
-from handtrack_app.process.engine_process import Outbox
+from handtrack_app.process.child import EnginePlan
+from handtrack_app.process.engine_process import EngineProcess, Outbox
 from handtrack_app.protocol.snapshots import Hold, WorkSnapshot
 
 
@@ -77,6 +80,23 @@ def test_saved_is_all_that_was_called_whatever_else_is_looked_at():
     pipe.pose(4, 2)
     down = pipe.outbox.work(is_down=True)
     assert down is not None and down.saved == "unsaved"
+
+
+def test_an_edit_while_it_is_told_that_all_is_saved_is_told_of_after_that(tmp_path):
+    told = []
+    edit = Thread(target=lambda: process.engine.set_pose(1, (0.1,), 1))
+
+    def publish(work):
+        if not told and not edit.ident:
+            edit.start()
+            edit.join(0.3)
+        told.append(work.saved)
+
+    process = EngineProcess(EnginePlan(tmp_path), publish)
+    for message in (COMMANDS, WorkSnapshot("saved", (), 0, 0)):
+        process._take(None, message, False)  # type: ignore[arg-type]
+    edit.join()
+    assert told == ["saved", "saving"]
 
 
 def test_too_much_is_refused_and_not_dropped():
