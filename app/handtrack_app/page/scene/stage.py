@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -74,6 +75,8 @@ class Stage:
         self.cameras = CameraRig(server, "/cameras", session)
         self.cameras.size(pose.middle)
         self.hand: HandView = add_hand(server, session)
+        self._drawing = threading.Lock()
+        """while the hand is moved to the pose shown: a thread that is late would leave it at one before"""
         self.root = RootHandle(server, page.edit_pose, self._larger)
         self.looking = Looking(page, self.name_of, self.cameras.cards)
         self.grips = Grips(page, self._grasped, pose)
@@ -108,7 +111,7 @@ class Stage:
             self._show_ellipsoids()
             self.cameras.show(display)
             self._show_handle()
-            update_truth(self.hand, self.pose, display)
+            self._show_truth()
             self.looking.place(display.field, self.pose.middle, self._larger)
             self.grips.freely = bool(display.mode) and not display.handle
             self.grips.place()
@@ -129,15 +132,20 @@ class Stage:
 
     def _show_ellipsoids(self) -> None:
         """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
-        display, pose, state = self.display, self.pose, self.page.state
-        still = not (state.playing or state.tracking)
-        made_of = pose.frame, pose.version, self.session.model
-        ready = still and display.surface and self._surface_at == made_of
-        show_hand(self.hand, display, ready)
-        if self._fits(pose):
-            update_hand(self.hand, pose, display)
-        put(self.surface, visible=ready)
-        self._show_opacity()
+        with self._drawing:
+            display, pose, state = self.display, self.pose, self.page.state
+            still = not (state.playing or state.tracking)
+            made_of = pose.frame, pose.version, self.session.model
+            ready = still and display.surface and self._surface_at == made_of
+            show_hand(self.hand, display, ready)
+            if self._fits(pose):
+                update_hand(self.hand, pose, display)
+            put(self.surface, visible=ready)
+            self._show_opacity()
+
+    def _show_truth(self) -> None:
+        with self._drawing:
+            update_truth(self.hand, self.pose, self.display)
 
     def _show_opacity(self) -> None:
         """Let what stands in the hand, and behind it, be seen through it."""
@@ -182,7 +190,7 @@ class Stage:
         with self.page.server.atomic():
             self._show_ellipsoids()
             self.moments.show(pose.frame)
-            update_truth(self.hand, pose, display)
+            self._show_truth()
             self.clear_late()
             self.ghosts.show(display.ghosts, pose.frame)
             self._show_opacity()
