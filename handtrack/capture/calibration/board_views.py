@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, Array, Axes, Bytes, Floats, H, Ints, N, W
+from handtrack.arrays import D2, D4, Array, Axes, Bytes, Floats, H, Ints, N, W
 from handtrack.capture.calibration.boards import Board
 from handtrack.capture.images.frames import FrameSource
 from handtrack.errors import HandtrackError
@@ -242,6 +242,8 @@ class CameraViews:
     """images that were searched"""
     where: str = ""
     """files, for messages"""
+    poses: tuple[Floats[D4, D4], ...] = ()
+    """T_camera_board of its views, shared ones first; none before its lens was fitted"""
 
     @property
     def views(self) -> tuple[BoardView, ...]:

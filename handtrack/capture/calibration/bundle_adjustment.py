@@ -49,45 +49,34 @@ class RigState:
     """board → world."""
 
 
-@dataclass(frozen=True)
-class Refined:
-    """The best state, what is left over, and how sure it is."""
-
-    state: RigState
-    residuals: Floats[M, D2]
-    """seen − predicted [px]."""
-    lens_std: Floats[C, D9]
-    """; 0 where held fixed."""
-    skew: Floats[C, D2]
-    """the skew [px] that would fit next, and its standard deviation."""
-    converged: bool
-
-
 def residuals(state: RigState, corners: Corners) -> Floats[M, D2]:
     """Return seen − predicted [px]."""
     return corners.pixels - _projected(state, corners)[0]
 
 
-def refine(start: RigState, corners: Corners, free_lens: Array[C, D9]) -> Refined:
-    """Return the least-squares state from a start; all cameras but the first move, all views move.
+def refine(start: RigState, corners: Corners, free_lens: Array[C, D9]) -> tuple[RigState, bool]:
+    """Return the least-squares state from a start, and whether it was reached in time; all cameras but the first move, all views move.
 
     Parameters
     ----------
     free_lens
         bool, which lens numbers are estimated.
     """
-    free_camera = np.arange(len(start.camera)) > 0
-    free = np.concatenate(
-        [np.ravel(free_lens), np.repeat(free_camera, 6), np.ones(start.view.size, bool)]
-    )
+    free = _free(start, free_lens)
     scale = max(_ROBUST_SIGMAS * spread(residuals(start, corners)), 0.3)
     state, good = start, False
     for _ in range(2):  # the second time with the scale of what is really left
         state, good = _minimised(state, corners, free, scale)
-        scale = max(_ROBUST_SIGMAS * spread(residuals(state, corners)), 0.05)
-    left = residuals(state, corners)
-    lens_std, skews = _uncertainty(state, corners, free, left, scale)
-    return Refined(state, left, lens_std, skews, good)
+        scale = _scale(residuals(state, corners))
+    return state, good
+
+
+def _free(state: RigState, free_lens: Array[C, D9]) -> Array[N]:
+    """Return which of all numbers are estimated."""
+    free_camera = np.arange(len(state.camera)) > 0
+    return np.concatenate(
+        [np.ravel(free_lens), np.repeat(free_camera, 6), np.ones(state.view.size, bool)]
+    )
 
 
 def _minimised(
@@ -129,6 +118,11 @@ def _soft_l1(left: Floats, scale: float) -> tuple[float, Floats]:
     root = np.sqrt(1 + (left / scale) ** 2)
     cost = float((2 * scale**2 * (root - 1)).sum())
     return cost if np.isfinite(cost) else np.inf, 1 / root
+
+
+def _scale(left: Floats) -> float:
+    """Return from where on residuals count less and less [px]."""
+    return max(_ROBUST_SIGMAS * spread(left), 0.05)
 
 
 def spread(left: Floats) -> float:
@@ -183,19 +177,21 @@ def _jacobian(state: RigState, corners: Corners, free: Array[N]) -> csr_matrix:
     return csc_matrix(entries, shape=(2 * count, len(free)))[:, free].tocsr()
 
 
-def _uncertainty(
-    state: RigState, corners: Corners, free: Array[N], left: Floats, scale: float
-) -> tuple[Floats, Floats]:
-    """Return the standard deviations of lenses, and the skews that would fit next.
+def lens_uncertainty(
+    state: RigState, corners: Corners, free_lens: Array[C, D9]
+) -> tuple[Floats[C, D9], Floats[C, D2]]:
+    """Return the standard deviations of a refined state's lenses, 0 where held fixed; and the skew [px] of each that would fit
+    next, with its standard deviation.
 
     Skew s adds s · y' to u; its column is put beside the others for one Gauss-Newton step.
     """
+    free, left = _free(state, free_lens), residuals(state, corners)
     lens = state.lens[corners.camera]
     down = (_projected(state, corners)[0][:, 1:] - lens[:, 3:4]) / lens[:, 1:2]
     skewed = down * (corners.camera[:, None] == np.arange(len(state.lens)))
     skew_columns = np.stack([skewed, np.zeros_like(skewed)], axis=1).reshape(-1, len(state.lens))
     whole = csr_matrix(hstack([_jacobian(state, corners, free), csr_matrix(skew_columns)]))
-    weighted = whole.multiply(_soft_l1(left.reshape(-1), scale)[1][:, None])
+    weighted = whole.multiply(_soft_l1(left.reshape(-1), _scale(left))[1][:, None])
     normal = (weighted.T @ whole).toarray()
     diagonal = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     scaled = normal / np.outer(diagonal, diagonal)

@@ -15,15 +15,16 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
-from handtrack.arrays import D2, D3, D4, Array, C, Floats, K, N
+from handtrack.arrays import D2, D3, D4, D6, D9, Array, C, Floats, K, N, V
 from handtrack.capture.calibration.board_views import BoardView, CameraViews, choose_views
 from handtrack.capture.calibration.boards import Board
 from handtrack.capture.calibration.bundle_adjustment import (
     LENS,
     Corners,
-    Refined,
     RigState,
+    lens_uncertainty,
     refine,
+    residuals,
     spread,
 )
 from handtrack.capture.calibration.formats.imported_rig import five_or_more
@@ -69,15 +70,8 @@ class RigCalibration:
     """per camera and view, shared ones first: seen − predicted [px]"""
 
 
-@dataclass(frozen=True)
-class _LensFit:
-    camera: CameraViews
-    """without views that do not fit"""
-    matrix: Floats
-    distortions: Floats
-    poses: tuple[Floats, ...]
-    """T_camera_board of shared views, then of those for this camera alone."""
-    dropped: tuple[str, ...] = ()
+_Fit = tuple[CameraViews, Floats[D9]]
+"""a camera's views that fit, with the boards' poses; and its lens, in the order of LENS"""
 
 
 def calibrate_rig(
@@ -89,11 +83,15 @@ def calibrate_rig(
 
     Raises HandtrackError for too few views, cameras that share none, a world that is not there.
     """
+    warnings: list[str] = []
     fits = [
-        _fit_lens(board, camera, settings) for camera in choose_views(cameras, settings.most_views)
+        _fit_lens(board, camera, settings, warnings)
+        for camera in choose_views(cameras, settings.most_views)
     ]
-    used, T_camera_world, boards, disagreement = place_cameras(fits, board)
-    corners, start = _assembled(board, used, T_camera_world, boards, fits)
+    lenses = np.array([lens for _, lens in fits])
+    used, T_camera_world, boards, disagreement = place_cameras([c for c, _ in fits], board)
+    corners, views = _assembled(board, used, T_camera_world, boards)
+    start = RigState(lenses, np.stack([*map(_pose_vector, T_camera_world)]), views)
     apart = [pair for pair, off in disagreement.items() if off > _APART]
     free = np.ones((len(used), len(LENS)), dtype=bool)
     free[:, 6:8] = settings.tangential
@@ -101,51 +99,50 @@ def calibrate_rig(
     free[[camera.name in settings.known for camera in used]] = False
     if apart:
         free[:] = False  # lenses would bend to explain what is not theirs
-    refined = refine(start, corners, free)
-    T_world_board = {f: _pose_matrix(p) for f, p in zip(sorted(boards), refined.state.view)}
-    T_new_world = _new_world(settings.world, used, refined.state, T_world_board)
-    rig = _rig(used, refined.state, np.linalg.inv(T_new_world))
+    state, converged = refine(start, corners, free)
+    T_world_board = {f: _pose_matrix(p) for f, p in zip(sorted(boards), state.view)}
+    T_new_world = _new_world(settings.world, used, state, T_world_board)
+    rig = _rig(used, state, np.linalg.inv(T_new_world))
     T_world_board = {f: np.asarray(T_new_world @ p, float) for f, p in T_world_board.items()}
     lengths = [len(view.ids) for camera in used for view in camera.views]
-    parts = iter(np.split(refined.residuals, np.cumsum(lengths)[:-1]))
+    every = residuals(state, corners)
+    parts = iter(np.split(every, np.cumsum(lengths)[:-1]))
     left = tuple(tuple(islice(parts, len(camera.views))) for camera in used)
+    lens_std, skew = lens_uncertainty(state, corners, free)
     reports = [
         camera_report(
-            rig.cameras[c],
             cameras[c],
             used[c],
             left[c],
-            _rms(np.concatenate(_misses(board, fit))),
-            refined,
-            c,
+            rms_alone_px=_rms(np.concatenate(_misses(board, *fit))),
+            lens=state.lens[c],
+            lens_std=lens_std[c],
+            skew=skew[c],
         )
         for c, fit in enumerate(fits)
     ]
+    warnings += [*_warnings(board, used, converged), *chain(*map(_camera_warnings, reports))]
     report = {
         "board": board.text,
-        "sigma_px": spread(refined.residuals),
+        "sigma_px": spread(every),
         "cameras": reports,
         "pairs": pair_reports(rig, used, disagreement),
-        "warnings": [*_warnings(board, fits, refined), *chain(*map(_camera_warnings, reports))],
-        "contradictions": [_contradiction(board, cameras, fits, pair) for pair in apart],
+        "warnings": warnings,
+        "contradictions": [_contradiction(board, cameras, lenses, pair) for pair in apart],
     }
     return RigCalibration(rig, report, T_world_board, used, left)
 
 
 def _contradiction(
-    board: Board, cameras: Sequence[CameraViews], fits: Sequence[_LensFit], pair: tuple[str, str]
+    board: Board, cameras: Sequence[CameraViews], lenses: Floats[C, D9], pair: tuple[str, str]
 ) -> str:
     """Return what to say of two cameras whose common views contradict one another."""
-    poses = [
-        {
-            view.frame: pose_of_view(view, board, fit.matrix, fit.distortions)
-            for view in camera.shared
-        }
-        for name in pair
-        for camera, fit in zip(cameras, fits)
-        if camera.name == name
-    ]
-    offset = frame_offset(poses[0], poses[1], board)
+    poses = {
+        camera.name: {view.frame: pose_of_view(view, board, lens) for view in camera.shared}
+        for camera, lens in zip(cameras, lenses)
+        if camera.name in pair
+    }
+    offset = frame_offset(poses[pair[0]], poses[pair[1]], board)
     why = (
         f"with the frames of '{pair[1]}' shifted by {-offset:+d} they agree: renumber them, or cut the video"
         if offset is not None
@@ -157,8 +154,10 @@ def _contradiction(
     )
 
 
-def _fit_lens(board: Board, camera: CameraViews, settings: CalibrationSettings) -> _LensFit:
-    """Return one camera's lens from its own views, without those that do not fit."""
+def _fit_lens(
+    board: Board, camera: CameraViews, settings: CalibrationSettings, warnings: list[str]
+) -> _Fit:
+    """Return one camera's lens from its own views, without those that do not fit, of which it is warned."""
     views = camera.views
     least = 1 if camera.name in settings.known else _LEAST_VIEWS
     if len(views) < least:
@@ -170,23 +169,22 @@ def _fit_lens(board: Board, camera: CameraViews, settings: CalibrationSettings) 
     if camera.name in settings.known:
         return _with_known_lens(board, camera, settings.known[camera.name])
     fit = _cv2_fit(board, camera, settings)
-    errors = np.array([_rms(off) for off in _misses(board, fit)])
+    errors = np.array([_rms(off) for off in _misses(board, *fit)])
     limit = max(_WRONG_VIEW * float(np.median(errors)), _WRONG_VIEW_PX)
     good = errors <= limit
     if good.all() or good.sum() < _LEAST_VIEWS:
         return fit
     fitting = {id(view) for view, fine in zip(views, good, strict=True) if fine}
-    dropped = tuple(
+    warnings += [
         f"camera '{camera.name}': left out {view.source or f'frame {view.frame}'}, which misses the "
         f"board by {error:.1f} px (the others {np.median(errors[good]):.2f} px)."
         for view, error, fine in zip(views, errors, good)
         if not fine
-    )
-    kept = camera.only(lambda view: id(view) in fitting)
-    return replace(_cv2_fit(board, kept, settings), dropped=dropped)
+    ]
+    return _cv2_fit(board, camera.only(lambda view: id(view) in fitting), settings)
 
 
-def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -> _LensFit:
+def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -> _Fit:
     views = camera.views
     points = [board.points[view.ids].astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32).reshape(-1, 1, 2) for view in views]
@@ -207,10 +205,15 @@ def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -
             "They may all be square on to the camera; record tilted ones too."
         ) from None
     poses = tuple(_pose_matrix(np.ravel(pose).astype(float)) for pose in zip(turns, shifts))
-    return _LensFit(camera, np.array(matrix, float), np.ravel(distortions)[:5].astype(float), poses)
+    return replace(camera, poses=poses), _lens(matrix, np.ravel(distortions)[:5])
 
 
-def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _LensFit:
+def _lens(matrix: Array[D3, D3], distortions: Array[K]) -> Floats[D9]:
+    """Return a lens in the order of LENS."""
+    return np.array([*matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *distortions], dtype=float)
+
+
+def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _Fit:
     if known.size != camera.size:
         raise HandtrackError(
             f"camera '{camera.name}': its known lens is for {known.size[0]} x {known.size[1]}, the "
@@ -222,18 +225,17 @@ def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _LensF
             f"camera '{camera.name}': its known lens has {len(known.distortions)} distortion "
             "coefficients; expected k1 k2 p1 p2 k3. Calibrate the lens anew."
         )
-    poses = (pose_of_view(view, board, known.matrix, distortions) for view in camera.views)
-    return _LensFit(camera, known.matrix, distortions, tuple(poses))
+    lens = _lens(known.matrix, distortions)
+    poses = tuple(pose_of_view(view, board, lens) for view in camera.views)
+    return replace(camera, poses=poses), lens
 
 
-def _misses(board: Board, fit: _LensFit) -> list[Floats[N, D2]]:
+def _misses(board: Board, camera: CameraViews, lens: Floats[D9]) -> list[Floats[N, D2]]:
     """Return each view's corners, seen − predicted [px]."""
-    found = []
-    for view, pose in zip(fit.camera.views, fit.poses):
+    found, matrix = [], camera_matrix(*lens[:4])
+    for view, pose in zip(camera.views, camera.poses):
         turn, _ = cv2.Rodrigues(pose[:3, :3])
-        pixels, _ = cv2.projectPoints(
-            board.points[view.ids], turn, pose[:3, 3], fit.matrix, fit.distortions
-        )
+        pixels, _ = cv2.projectPoints(board.points[view.ids], turn, pose[:3, 3], matrix, lens[4:])
         found.append(view.pixels - np.array(pixels, dtype=float).reshape(-1, 2))
     return found
 
@@ -243,16 +245,15 @@ def _assembled(
     cameras: Sequence[CameraViews],
     T_camera_world: Floats[C, D4, D4],
     T_world_board: dict[int, Floats],
-    fits: Sequence[_LensFit],
-) -> tuple[Corners, RigState]:
-    """Return all corners in one list, and the start of the refinement: its first views are the shared ones, by frame."""
+) -> tuple[Corners, Floats[V, D6]]:
+    """Return all corners in one list, and where the boards are to begin with: first the shared views', by frame."""
     frames = {frame: i for i, frame in enumerate(sorted(T_world_board))}
     view_poses = [T_world_board[frame] for frame in frames]
     parts: list[tuple[int, int, BoardView]] = []
-    for c, (camera, fit) in enumerate(zip(cameras, fits, strict=True)):
+    for c, camera in enumerate(cameras):
         parts += [(c, frames[view.frame], view) for view in camera.shared]
         world = np.linalg.inv(T_camera_world[c])
-        for view, pose in zip(camera.alone, fit.poses[len(camera.shared) :], strict=True):
+        for view, pose in zip(camera.alone, camera.poses[len(camera.shared) :], strict=True):
             parts.append((c, len(view_poses), view))
             view_poses.append(world @ pose)
     count = [len(view.ids) for _, _, view in parts]
@@ -262,13 +263,7 @@ def _assembled(
         board=np.concatenate([board.points[view.ids] for _, _, view in parts]),
         pixels=np.concatenate([view.pixels for _, _, view in parts]),
     )
-    lens = [[*fit.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *fit.distortions] for fit in fits]
-    state = RigState(
-        np.array(lens),
-        np.stack([_pose_vector(pose) for pose in T_camera_world]),
-        np.stack([_pose_vector(pose) for pose in view_poses]),
-    )
-    return corners, state
+    return corners, np.stack([_pose_vector(pose) for pose in view_poses])
 
 
 def _rig(cameras: Sequence[CameraViews], state: RigState, T_world_new: Floats) -> CameraRig:
@@ -297,15 +292,13 @@ def _new_world(
     return _pose_matrix(state.camera[names.index(name) if name else 0])
 
 
-def _warnings(board: Board, fits: Sequence[_LensFit], refined: Refined) -> Iterator[str]:
-    for fit in fits:
-        yield from fit.dropped
-    if len(board.turns) > 1 and len(fits) > 1:
+def _warnings(board: Board, cameras: Sequence[CameraViews], converged: bool) -> Iterator[str]:
+    if len(board.turns) > 1 and len(cameras) > 1:
         yield (
             f"the board {board.text} looks the same after {'a quarter' if len(board.turns) > 2 else 'half a'} "
             "turn; its orientation is taken from the majority of common views, which needs a board that moves. A board with one even and one odd count (such as 9x6) is safe."
         )
-    if not refined.converged:
+    if not converged:
         yield ("the refinement stopped before it had converged; treat the numbers with care.")
     if board.dictionary and board.rows % 2 == 0:
         yield (
@@ -335,21 +328,17 @@ _MOST_OFFSET = 60  # frames
 _TURN_M = 1.0  # a degree of disagreement counts as much as 1.7 % of the distance to the board
 
 
-def pose_of_view(
-    view: BoardView, board: Board, matrix: Floats[D3, D3], distortions: Floats[K]
-) -> Floats[D4, D4]:
+def pose_of_view(view: BoardView, board: Board, lens: Floats[D9]) -> Floats[D4, D4]:
     """Return T_camera_board of one view, the better of a plane's two poses."""
-    points = board.points[view.ids]
+    points, by = board.points[view.ids], (camera_matrix(*lens[:4]), lens[4:])
     count, turns, shifts, errors = cv2.solvePnPGeneric(
-        points, view.pixels.reshape(-1, 1, 2), matrix, distortions, flags=cv2.SOLVEPNP_IPPE
+        points, view.pixels.reshape(-1, 1, 2), *by, flags=cv2.SOLVEPNP_IPPE
     )
     if not count:
-        _, turn, shift = cv2.solvePnP(points, view.pixels, matrix, distortions)
+        _, turn, shift = cv2.solvePnP(points, view.pixels, *by)
     else:
         best = int(np.argmin([float(np.ravel(e)[0]) for e in errors]))
-        turn, shift = cv2.solvePnPRefineLM(
-            points, view.pixels, matrix, distortions, turns[best], shifts[best]
-        )
+        turn, shift = cv2.solvePnPRefineLM(points, view.pixels, *by, turns[best], shifts[best])
     return _transform(cv2.Rodrigues(turn)[0], np.ravel(shift))
 
 
@@ -359,7 +348,7 @@ def common_frames(a: CameraViews, b: CameraViews) -> list[int]:
 
 
 def place_cameras(
-    fits: Sequence[_LensFit], board: Board
+    cameras: Sequence[CameraViews], board: Board
 ) -> tuple[
     tuple[CameraViews, ...],
     Floats[C, D4, D4],
@@ -372,15 +361,14 @@ def place_cameras(
 
     Raises HandtrackError naming the groups of cameras that share no view.
     """
-    cameras = [fit.camera for fit in fits]
     pairs = combinations(range(len(cameras)), 2)
     edges = {(i, j): common_frames(cameras[i], cameras[j]) for i, j in pairs}
     _require_connected(cameras, edges)
     turns = _turn_transforms(board)
-    poses = [{v.frame: pose for v, pose in zip(f.camera.shared, f.poses)} for f in fits]
+    poses = [{v.frame: pose for v, pose in zip(c.shared, c.poses)} for c in cameras]
     placed: dict[int, Floats] = {0: np.eye(4)}
     boards = dict(poses[0])
-    renumbered = cameras.copy()
+    renumbered = [*cameras]
     disagreement: dict[tuple[str, str], float] = {}
     while len(placed) < len(cameras):
         near, new = max(
@@ -551,13 +539,13 @@ def report_text(report: dict[str, Any]) -> str:
 
 
 def camera_report(
-    camera: Camera,
     given: CameraViews,
     used: CameraViews,
     left: Sequence[Floats[N, D2]],
     rms_alone_px: float,
-    refined: Refined,
-    index: int,
+    lens: Floats[D9],
+    lens_std: Floats[D9],
+    skew: Floats[D2],
 ) -> dict[str, Any]:
     """Return one camera's lens and how well its views fit.
 
@@ -573,21 +561,19 @@ def camera_report(
     """
     views = used.views
     pixels = np.concatenate([view.pixels for view in views])
-    cell = np.floor(pixels / np.array(camera.size) * _GRID).astype(int)
+    cell = np.floor(pixels / np.array(used.size) * _GRID).astype(int)
     covered = {tuple(c) for c in cell if (c >= 0).all() and (c < _GRID).all()}
-    skew, skew_std = refined.skew[index].tolist()
     return {
-        "name": camera.name,
+        "name": used.name,
         "images": given.tried,
         "found": len(given.views),
         "used": len(views),
         "rms_px": _rms(np.concatenate(left)),
         "rms_alone_px": rms_alone_px,
         "coverage": len(covered) / (_GRID[0] * _GRID[1]),
-        "lens": dict(zip(LENS, refined.state.lens[index].tolist())),
-        "lens_std": dict(zip(LENS, refined.lens_std[index].tolist())),
-        "skew_px": skew,
-        "skew_std_px": skew_std,
+        "lens": dict(zip(LENS, lens.tolist())),
+        "lens_std": dict(zip(LENS, lens_std.tolist())),
+        **dict(zip(("skew_px", "skew_std_px"), skew.tolist())),
         "views": [
             {
                 "frame": view.frame,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from handtrack.arrays import D3, Floats
 from handtrack.errors import HandtrackError
@@ -22,6 +22,8 @@ _SAME_M = 1e-6
 """hinges of a body whose anchors differ by less have one"""
 _Element = ElementTree.Element
 _Given = Mapping[str, str]
+_Defaults = dict[str, dict[str, str]]
+"""attributes by element"""
 
 
 def read_mjcf(path: Path) -> dict[str, Any]:
@@ -33,82 +35,94 @@ def read_mjcf(path: Path) -> dict[str, Any]:
             f"{path}: it has <{expands}>, which MuJoCo makes bodies of. Let it write what it made: "
             "`mujoco.MjSpec.from_file(...).to_xml()` after `.compile()`, or `mj_saveLastXML`."
         )
-    robot = _Robot(root, path)
-    tops = [b for world in root.findall("worldbody") for b in world.findall("body")]
+    tops = root.findall("worldbody/body")
     moving = [b for b in tops if next(b.iter("joint"), None) is not None]
     if len(moving) != 1:
         raise HandtrackError(
             f"{path}: {len(moving)} bodies with joints stand in the world; expected one, the hand."
         )
-    links = list(robot.links(moving[0], None, np.zeros(3), "main"))
+    classes = dict[str, _Defaults]()
+    for top in root.findall("default"):
+        _read_defaults(top, {}, classes)
+    _say_all(moving[0], "main", classes, path)
+    links = list(_Robot(root, path).links(moving[0], None, np.zeros(3)))
     return definition_of(root.get("model", path.stem), links, str(path))
 
 
-@dataclass
+def _read_defaults(table: _Element, above: _Defaults, classes: dict[str, _Defaults]) -> None:
+    """Add a class of defaults, and those below it, which take over what it says."""
+    own = {tag: dict(given) for tag, given in above.items()}
+    for one in table:
+        if one.tag != "default":
+            own[one.tag] = {**own.get(one.tag, {}), **one.attrib}
+    classes[table.get("class", "main")] = own
+    for below in table.findall("default"):
+        _read_defaults(below, own, classes)
+
+
+def _say_all(body: _Element, kind: str, classes: Mapping[str, _Defaults], path: Path) -> None:
+    """Give what is on a body, and on those below it, the attributes of its class. kind: that of what names none."""
+    kind = body.get("childclass", kind)
+    for one in body:
+        if one.tag == "body":
+            _say_all(one, kind, classes, path)
+            continue
+        own = one.get("class", kind)
+        if own != "main" and own not in classes:
+            raise HandtrackError(
+                f"{path}: a <{one.tag}> is of the class '{own}', which no <default> has."
+            )
+        one.attrib = {**classes.get(own, {}).get(one.tag, {}), **one.attrib}
+
+
 class _Robot:
-    """A file: what its elements mean that do not say it themselves."""
+    """A file whose elements say all of themselves, but for what holds in all of it."""
 
-    root: _Element
-    path: Path
-    compiler: dict[str, str] = field(init=False)
-    defaults: dict[str, dict[str, dict[str, str]]] = field(init=False, default_factory=dict)
-    """class → element → its attributes"""
-    meshes: dict[str, _Element] = field(init=False)
-    follows: dict[str, tuple[str, float]] = field(init=False)
+    def __init__(self, root: _Element, path: Path) -> None:
+        self._path, self._bodies = path, list(root.iter("body"))
+        self._compiler = {k: v for c in root.findall("compiler") for k, v in c.attrib.items()}
+        files = root.findall("asset/mesh")
+        self._meshes = {m.get("name") or Path(m.get("file", "")).stem: m for m in files}
+        tied = [one for one in root.findall("equality/joint") if one.get("joint2")]
+        self._follows = {str(one.get("joint1")): self._followed(one.attrib) for one in tied}
 
-    def __post_init__(self) -> None:
-        self.compiler = {k: v for c in self.root.findall("compiler") for k, v in c.attrib.items()}
-        for top in self.root.findall("default"):
-            self._read_defaults(top, {})
-        files = [m for assets in self.root.findall("asset") for m in assets.findall("mesh")]
-        self.meshes = {m.get("name") or Path(m.get("file", "")).stem: m for m in files}
-        tied = [one for table in self.root.findall("equality") for one in table.findall("joint")]
-        self.follows = dict(self._followed(one) for one in tied if one.get("joint2"))
-
-    def links(
-        self, body: _Element, parent: str | None, anchor: Floats[D3], kind: str
-    ) -> Iterator[Link]:
+    def links(self, body: _Element, parent: str | None, anchor: Floats[D3]) -> Iterator[Link]:
         """Yield a body's link and those below it.
 
         Parameters
         ----------
         anchor
             Where its parent's hinges are, in the parent's body frame [m].
-        kind
-            The class of what names none.
         """
-        kind = body.get("childclass", kind)
-        name = body.get("name") or f"body{list(self.root.iter('body')).index(body)}"
-        joints = [(one, self._given(one, kind)) for one in body.findall("joint")]
+        name = body.get("name") or f"body{self._bodies.index(body)}"
+        joints = [one.attrib for one in body.findall("joint")]
         if parent is None:  # the root is free anyway
-            joints = [(one, given) for one, given in joints if given.get("type") != "free"]
+            joints = [given for given in joints if given.get("type") != "free"]
             if joints:
                 raise HandtrackError(
-                    f"{self.path}: body '{name}' turns in the world; expected a base that is fixed or free, and joints above it."
+                    f"{self._path}: body '{name}' turns in the world; expected a base that is fixed or free, and joints above it."
                 )
-        own = self._anchor(name, [given for _, given in joints])
+        own = self._anchor(name, joints)
         turn, place = self._turn(body.attrib), self._vector(body.attrib, "pos")
         hinges = [
-            self._hinge(given, f"{name}_{k}" if k else name) for k, (_, given) in enumerate(joints)
+            self._hinge(given, f"{name}_{k}" if k else name) for k, given in enumerate(joints)
         ]
-        visuals = self._shapes(body, kind, own)
         label = hinges[0].name if hinges else ""
-        yield Link(name, parent, place + turn @ own - anchor, turn, hinges, visuals, label)
-        for site in body.findall("site"):
-            given = self._given(site, kind)
+        place = place + turn @ own - anchor
+        yield Link(name, parent, place, turn, hinges, self._shapes(body, own), label)
+        for site in (one.attrib for one in body.findall("site")):
             if site.get("name"):
-                yield Link(
-                    str(site.get("name")), name, self._vector(given, "pos") - own, self._turn(given)
-                )
+                place = self._vector(site, "pos") - own
+                yield Link(site["name"], name, place, self._turn(site))
         for child in body.findall("body"):
-            yield from self.links(child, name, own, kind)
+            yield from self.links(child, name, own)
 
-    def _anchor(self, name: str, joints: list[_Given]) -> Floats[D3]:
+    def _anchor(self, name: str, joints: list[dict[str, str]]) -> Floats[D3]:
         """Return where a body's hinges turn, in its frame [m]."""
         anchors = [self._vector(given, "pos") for given in joints] or [np.zeros(3)]
         if max(float(np.linalg.norm(a - anchors[0])) for a in anchors) > _SAME_M:
             raise HandtrackError(
-                f"{self.path}: the joints of body '{name}' turn about different points; expected one `pos` for all, or a body for each."
+                f"{self._path}: the joints of body '{name}' turn about different points; expected one `pos` for all, or a body for each."
             )
         return anchors[0]
 
@@ -116,24 +130,23 @@ class _Robot:
         name, kind = given.get("name", usual), given.get("type", "hinge")
         if kind != "hinge":
             raise HandtrackError(
-                f"{self.path}: joint '{name}' is a {kind}; expected hinges: this program's joints turn about one axis each."
+                f"{self._path}: joint '{name}' is a {kind}; expected hinges: this program's joints turn about one axis each."
             )
         axis = self._vector(given, "axis", (0.0, 0.0, 1.0))
         limits = (-np.pi, np.pi)
-        usual_limited = "range" in given and self.compiler.get("autolimits", "true") == "true"
+        usual_limited = "range" in given and self._compiler.get("autolimits", "true") == "true"
         limited = given.get("limited", "auto")
         if limited == "true" or (limited == "auto" and usual_limited):
-            at_zero = numbers(given, "ref", (0.0,), self.path, 1)
-            asked = numbers(given, "range", (0.0, 0.0), self.path, 2)
+            at_zero = numbers(given, "ref", (0.0,), self._path, 1)
+            asked = numbers(given, "range", (0.0, 0.0), self._path, 2)
             low, high = self._radians(asked - at_zero).tolist()
             limits = (low, high)
-        return hinge(name, axis, limits, self.follows.get(name), self.path)
+        return hinge(name, axis, limits, self._follows.get(name), self._path)
 
-    def _shapes(self, body: _Element, kind: str, anchor: Floats[D3]) -> list[Shape]:
+    def _shapes(self, body: _Element, anchor: Floats[D3]) -> list[Shape]:
         """Return what a body looks like; what only touches counts where nothing is there to be looked at."""
         visuals, touches = list[Shape](), list[Shape]()
-        for geom in body.findall("geom"):
-            given = self._given(geom, kind)
+        for given in (geom.attrib for geom in body.findall("geom")):
             is_look = given.get("contype") == "0" and given.get("conaffinity") == "0"
             (visuals if is_look else touches).extend(self._shape(given, anchor))
         return visuals or touches
@@ -143,100 +156,71 @@ class _Robot:
         place, turn = self._vector(given, "pos") - anchor, self._turn(given)
         if kind == "mesh":
             return self._mesh(given, place, turn)
-        if kind not in ("sphere", "capsule", "cylinder", "ellipsoid", "box"):
+        if kind not in shapes.SIZES:
             return []
-        size = numbers(given, "size", None, self.path)
+        size = numbers(given, "size", None, self._path)
         if "fromto" in given:
-            ends = numbers(given, "fromto", None, self.path, 6).reshape(2, 3)
+            ends = numbers(given, "fromto", None, self._path, 6).reshape(2, 3)
             along = ends[1] - ends[0]
-            half = 0.5 * float(np.linalg.norm(along))
             place, turn = ends.mean(axis=0) - anchor, _towards(along)
-            size = np.array(
-                [size[0], half]
-                if kind in ("capsule", "cylinder")
-                else [size[0], size[min(1, len(size) - 1)], half]
+            across = size[:1] if shapes.SIZES[kind] < 3 else np.resize(size[:2], 2)
+            size = np.append(across, 0.5 * np.linalg.norm(along))
+        if len(size) < shapes.SIZES[kind]:
+            raise HandtrackError(
+                f"{self._path}: a {kind} of {len(size)} sizes; expected {shapes.SIZES[kind]}."
             )
-        wanted = {"sphere": 1, "capsule": 2, "cylinder": 2}.get(kind, 3)
-        if len(size) < wanted:
-            raise HandtrackError(f"{self.path}: a {kind} of {len(size)} sizes; expected {wanted}.")
-        if kind == "sphere":
-            radii = shapes.sphere(float(size[0]))
-        elif kind == "ellipsoid":
-            radii = size[:3]
-        elif kind == "box":
-            radii = shapes.box(2.0 * size[:3])
-        else:
-            radii = getattr(shapes, kind)(float(size[0]), 2.0 * float(size[1]))
-        return [Shape(place, turn, radii)]
+        return [Shape(place, turn, shapes.radii(kind, size))]
 
     def _mesh(self, given: _Given, place: Floats[D3], turn: Floats[D3, D3]) -> list[Shape]:
-        asset = self.meshes.get(given.get("mesh", ""))
+        asset = self._meshes.get(given.get("mesh", ""))
         if asset is None or not asset.get("file"):
             return []
-        folder = self.compiler.get("meshdir", self.compiler.get("assetdir", ""))
-        file = self.path.parent / folder / str(asset.get("file"))
-        scale = numbers(asset.attrib, "scale", (1.0, 1.0, 1.0), self.path, 3)
+        folder = self._compiler.get("meshdir", self._compiler.get("assetdir", ""))
+        file = self._path.parent / folder / str(asset.get("file"))
+        scale = numbers(asset.attrib, "scale", (1.0, 1.0, 1.0), self._path, 3)
         return shapes.mesh(file, scale, place, turn)
 
     # ---- what attributes mean
 
-    def _given(self, element: _Element, kind: str) -> dict[str, str]:
-        """Return an element's attributes with those of its class."""
-        kind = element.get("class", kind)
-        if kind != "main" and kind not in self.defaults:
-            raise HandtrackError(
-                f"{self.path}: a <{element.tag}> is of the class '{kind}', which no <default> has."
-            )
-        return {**self.defaults.get(kind, {}).get(element.tag, {}), **element.attrib}
-
-    def _read_defaults(self, table: _Element, above: dict[str, dict[str, str]]) -> None:
-        own = {tag: dict(given) for tag, given in above.items()}
-        for one in table:
-            if one.tag != "default":
-                own[one.tag] = {**own.get(one.tag, {}), **one.attrib}
-        self.defaults[table.get("class", "main")] = own
-        for below in table.findall("default"):
-            self._read_defaults(below, own)
-
-    def _followed(self, tied: _Element) -> tuple[str, tuple[str, float]]:
-        """Return a joint and the one that it follows, with the ratio."""
-        terms = numbers(tied.attrib, "polycoef", (0.0, 1.0), self.path)
+    def _followed(self, tied: _Given) -> tuple[str, float]:
+        """Return the joint that another follows, with the ratio."""
+        terms = numbers(tied, "polycoef", (0.0, 1.0), self._path)
         if np.abs(np.delete(terms, 1)).max(initial=0.0) > 0 or len(terms) < 2:
             raise HandtrackError(
-                f"{self.path}: joint '{tied.get('joint1')}' follows '{tied.get('joint2')}' by polycoef "
+                f"{self._path}: joint '{tied.get('joint1')}' follows '{tied['joint2']}' by polycoef "
                 f"{tied.get('polycoef')}; expected a ratio alone: 0 RATIO 0 0 0."
             )
-        return str(tied.get("joint1")), (str(tied.get("joint2")), float(terms[1]))
+        return tied["joint2"], float(terms[1])
 
     def _vector(
         self, given: _Given, key: str, default: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> Floats[D3]:
-        return numbers(given, key, default, self.path, 3)
+        return numbers(given, key, default, self._path, 3)
 
     def _radians(self, values: Floats) -> Floats:
-        return values if self.compiler.get("angle", "degree") == "radian" else np.deg2rad(values)
+        return values if self._compiler.get("angle", "degree") == "radian" else np.deg2rad(values)
 
     def _turn(self, given: _Given) -> Floats[D3, D3]:
         """Return the rotation that an element says, in one of five ways."""
         if "quat" in given:
-            return matrix_from_quaternion(_unit(numbers(given, "quat", None, self.path, 4)))
+            return matrix_from_quaternion(numbers(given, "quat", None, self._path, 4))
         if "axisangle" in given:
-            *axis, angle = numbers(given, "axisangle", None, self.path, 4)
+            *axis, angle = numbers(given, "axisangle", None, self._path, 4)
             return rotation_matrix(_unit(np.array(axis)) * self._radians(np.array(angle)))
         if "euler" in given:
-            angles = self._radians(numbers(given, "euler", None, self.path, 3))
+            angles = self._radians(numbers(given, "euler", None, self._path, 3))
             turn = np.eye(3)
-            for letter, angle in zip(self.compiler.get("eulerseq", "xyz"), angles, strict=True):
+            for letter, angle in zip(self._compiler.get("eulerseq", "xyz"), angles, strict=True):
                 one = rotation_matrix(angle * np.eye(3)["xyz".index(letter.lower())])
                 turn = turn @ one if letter.islower() else one @ turn
             return turn
         if "xyaxes" in given:
-            x, y = numbers(given, "xyaxes", None, self.path, 6).reshape(2, 3)
+            x, y = numbers(given, "xyaxes", None, self._path, 6).reshape(2, 3)
             x = _unit(x)
             y = _unit(y - x * (x @ y))
             return np.stack([x, y, np.cross(x, y)], axis=1)
         if "zaxis" in given:
-            return _towards(numbers(given, "zaxis", None, self.path, 3))
+            return _towards(numbers(given, "zaxis", None, self._path, 3))
         return np.eye(3)
 
 
@@ -245,10 +229,7 @@ def _unit(vector: Floats) -> Floats:
 
 
 def _towards(direction: Floats[D3]) -> Floats[D3, D3]:
-    """Return the smallest rotation that takes z to a direction."""
-    z = _unit(direction)
-    axis = np.cross([0.0, 0.0, 1.0], z)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-12:
-        return np.diag([1.0, np.sign(z[2]), np.sign(z[2])]) if z[2] else np.eye(3)
-    return rotation_matrix(axis / sine * np.arctan2(sine, z[2]))
+    """Return the smallest rotation that takes z to a direction; none for a direction of no length."""
+    if not direction.any():
+        return np.eye(3)
+    return Rotation.align_vectors(direction, [0.0, 0.0, 1.0])[0].as_matrix()

@@ -6,31 +6,24 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats
+from handtrack.arrays import D3, Floats, K
 from handtrack.model.others.tree import Shape
 
 _BOX = (6.0 / np.pi) ** (1.0 / 3.0)
 """radius over half an edge: 4/3 π abc = 8 hx hy hz"""
+SIZES = {"sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "box": 3}
+"""how many numbers tell how large each is: its radius; its radius and half its length along z, a capsule's without the half
+spheres on its ends; half its axes, or edges"""
 
 
-def sphere(radius: float) -> Floats[D3]:
-    """Return the radii of a sphere [m]."""
-    return np.full(3, radius)
-
-
-def box(size: Floats[D3]) -> Floats[D3]:
-    """Return the radii for a box of full edges [m]."""
-    return _BOX * np.asarray(size, float) / 2.0
-
-
-def cylinder(radius: float, length: float) -> Floats[D3]:
-    """Return the radii for a cylinder along z [m]: π r² l = 4/3 π r² a."""
-    return np.array([radius, radius, 0.75 * length])
-
-
-def capsule(radius: float, length: float) -> Floats[D3]:
-    """Return the radii for a cylinder along z with half spheres on both ends [m]; length without them."""
-    return np.array([radius, radius, radius + 0.75 * length])
+def radii(kind: str, size: Floats[K]) -> Floats[D3]:
+    """Return the radii of the ellipsoid for one of `SIZES` [m]."""
+    if SIZES[kind] == 3:
+        return size[:3] * (_BOX if kind == "box" else 1.0)
+    radius = float(size[0])
+    long = 1.5 * float(size[SIZES[kind] - 1])  # π r² 2h = 4/3 π r² a
+    along = {"sphere": radius, "cylinder": long, "capsule": radius + long}
+    return np.array([radius, radius, along[kind]])
 
 
 def mesh(path: Path, scale: Floats[D3], place: Floats[D3], turn: Floats[D3, D3]) -> list[Shape]:

@@ -16,6 +16,9 @@ from handtrack.model.others import shapes
 from handtrack.model.others.tree import Hinge, Link, Shape, definition_of, hinge, numbers, read_root
 
 _TURNING = ("revolute", "continuous")
+_LONG = {"radius": 1.0, "length": 0.5}
+_SIZES = {"sphere": {"radius": 1.0}, "box": {"size": 0.5}, "cylinder": _LONG, "capsule": _LONG}
+"""of shapes, by attribute: how much of it is what `shapes.radii` takes"""
 _Element = ElementTree.Element
 
 
@@ -98,20 +101,17 @@ def _shapes(visual: _Element, path: Path) -> list[Shape]:
     kind = geometry[0] if geometry is not None and len(geometry) else None
     if kind is None:
         return []
-    number = lambda key: float(numbers(kind.attrib, key, None, path)[0])  # noqa: E731
-    if kind.tag == "sphere":
-        radii = shapes.sphere(number("radius"))
-    elif kind.tag == "box":
-        radii = shapes.box(numbers(kind.attrib, "size", None, path, 3))
-    elif kind.tag in ("cylinder", "capsule"):
-        radii = getattr(shapes, kind.tag)(number("radius"), number("length"))
-    elif kind.tag == "mesh":
+    if kind.tag == "mesh":
         file = path.parent / kind.get("filename", "").split("://")[-1]
         scale = numbers(kind.attrib, "scale", (1.0, 1.0, 1.0), path, 3)
         return shapes.mesh(file, scale, place, turn)
-    else:
+    if kind.tag not in _SIZES:
         return []
-    return [Shape(place, turn, radii)]
+    size = [
+        half * numbers(kind.attrib, key, None, path, 3 if key == "size" else 1)
+        for key, half in _SIZES[kind.tag].items()
+    ]
+    return [Shape(place, turn, shapes.radii(kind.tag, np.concatenate(size)))]
 
 
 def _origin(element: _Element, path: Path) -> tuple[Floats[D3], Floats[D3, D3]]:

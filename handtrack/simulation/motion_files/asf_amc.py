@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,16 +14,11 @@ from handtrack.simulation.motion_files.clip import LARGEST, MotionClip
 
 FPS = 120.0
 """of the CMU database; the files do not say"""
+_FREEDOMS = ("rx", "ry", "rz")
 
 
-@dataclass
-class _Bone:
-    name: str
-    direction: Floats = field(default_factory=lambda: np.zeros(3))
-    length: float = 0.0
-    axis_deg: Floats = field(default_factory=lambda: np.zeros(3))
-    freedoms: tuple[str, ...] = ()
-    parent: str = ""
+_Bones = dict[str, dict[str, Any]]
+"""by name, what :bonedata says: numbers of `direction`, `length` and `axis` [°], words of `dof`; and the `parent`"""
 
 
 def read_asf_amc(skeleton: Path, motion: Path, fps: float = FPS) -> MotionClip:
@@ -38,17 +33,15 @@ def read_asf_amc(skeleton: Path, motion: Path, fps: float = FPS) -> MotionClip:
     root = np.array([frame["root"] for frame in frames]).reshape(count, 6)
     rotation = {"root": _turn(root[:, 3:])}
     end = {"root": root[:, :3]}
-    for bone in bones.values():
-        if bone.name == "root":
+    for name, bone in bones.items():
+        if name == "root":
             continue
-        angles = np.zeros((count, 3))
-        for i, freedom in enumerate(bone.freedoms):
-            at = ("rx", "ry", "rz").index(freedom)
-            angles[:, at] = [frame[bone.name][i] for frame in frames]
-        c = _turn(bone.axis_deg[None])[0]
-        turn = rotation[bone.parent] @ c @ _turn(angles) @ c.T
-        rotation[bone.name] = turn
-        end[bone.name] = end[bone.parent] + turn @ (bone.direction * bone.length)
+        angles, above = np.zeros((count, 3)), bone["parent"]
+        for i, freedom in enumerate(bone["dof"]):
+            angles[:, _FREEDOMS.index(freedom)] = [frame[name][i] for frame in frames]
+        c = _turn(bone["axis"][None])[0]
+        rotation[name] = rotation[above] @ c @ _turn(angles) @ c.T
+        end[name] = end[above] + rotation[name] @ (bone["direction"] * bone["length"])
     names = tuple(end)
     return MotionClip(names, np.stack([end[name] for name in names], axis=1) * unit, fps)
 
@@ -60,12 +53,12 @@ def _turn(angles_deg: Floats) -> Floats:
     return Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
 
 
-def _skeleton(path: Path) -> tuple[dict[str, _Bone], float]:
+def _skeleton(path: Path) -> tuple[_Bones, float]:
     """Return the bones, parents first, and the metres in a unit."""
-    bones = {"root": _Bone("root")}
+    bones: _Bones = {"root": {"dof": ()}}
     order: list[str] = ["root"]
     unit, section = INCH_M, ""
-    current: _Bone | None = None
+    bone: dict[str, Any] = {}
     for number, line in enumerate(read_text(path, "a skeleton (.asf)").splitlines(), 1):
         words = line.split()
         if not words or words[0].startswith("#"):
@@ -77,17 +70,21 @@ def _skeleton(path: Path) -> tuple[dict[str, _Bone], float]:
                 unit = INCH_M / float(words[1])
             elif section == ":units" and words[0] == "angle" and words[1] != "deg":
                 raise ValueError("angles in degrees are expected")
-            elif section == ":bonedata":
-                current = _bone_line(words, current, bones)
+            elif section == ":bonedata" and words[0] == "begin":
+                bone = {"direction": np.zeros(3), "length": 0.0, "axis": np.zeros(3), "dof": ()}
+            elif section == ":bonedata" and words[0] == "name":
+                bones[words[1]] = bone
+            elif section == ":bonedata" and words[0] in bone:
+                bone[words[0]] = _bone_value(*words)
             elif section == ":hierarchy" and words[0] not in ("begin", "end"):
                 for child in words[1:]:
-                    bones[child].parent = bones[words[0]].name
+                    bones[child]["parent"] = words[0]
                     order.append(child)
         except (ValueError, IndexError, KeyError) as error:
             raise HandtrackError(
                 f"{path}, line {number}: cannot be understood: '{line.strip()[:60]}' ({error})."
             ) from None
-    orphans = [name for name in bones if name not in order]
+    orphans = [n for n, bone in bones.items() if n != "root" and bone.get("parent") not in bones]
     if orphans or len(bones) < 2:
         raise HandtrackError(
             f"{path}: no bones, or bones without a place in :hierarchy: {', '.join(orphans) or 'all'}."
@@ -95,32 +92,19 @@ def _skeleton(path: Path) -> tuple[dict[str, _Bone], float]:
     return {name: bones[name] for name in order}, unit
 
 
-def _bone_line(words: list[str], current: _Bone | None, bones: dict[str, _Bone]) -> _Bone | None:
-    """Take in a line of :bonedata; return the bone that the next line speaks of."""
-    key = words[0]
-    if key == "begin":
-        return _Bone("")
-    if key == "end" or current is None:
-        return None
-    if key == "name":
-        current.name = words[1]
-        bones[current.name] = current
-    elif key == "direction":
-        current.direction = np.array([float(word) for word in words[1:4]])
-    elif key == "length":
-        current.length = float(words[1])
-    elif key == "axis":
-        if words[4] != "XYZ":
-            raise ValueError("an axis in the order XYZ is expected")
-        current.axis_deg = np.array([float(word) for word in words[1:4]])
-    elif key == "dof":
-        if not set(words[1:]) <= {"rx", "ry", "rz"}:
+def _bone_value(key: str, *words: str) -> Any:
+    """Return what a line of :bonedata says. Raises ValueError, IndexError."""
+    if key == "dof":
+        if not set(words) <= {*_FREEDOMS}:
             raise ValueError("freedoms rx, ry, rz are expected")
-        current.freedoms = tuple(words[1:])
-    return current
+        return words
+    if key == "axis" and words[3] != "XYZ":
+        raise ValueError("an axis in the order XYZ is expected")
+    numbers = np.array([float(word) for word in words[:3]])
+    return numbers[0] if key == "length" else numbers
 
 
-def _frames(path: Path, bones: dict[str, _Bone], skeleton: Path) -> list[dict[str, list[float]]]:
+def _frames(path: Path, bones: _Bones, skeleton: Path) -> list[dict[str, list[float]]]:
     """Return each frame's numbers by bone."""
     frames: list[dict[str, list[float]]] = []
     for number, line in enumerate(read_text(path, "a motion (.amc)", LARGEST).splitlines(), 1):
@@ -132,7 +116,7 @@ def _frames(path: Path, bones: dict[str, _Bone], skeleton: Path) -> list[dict[st
             continue
         name = words[0]
         check_name("bone", name, bones, f"{path}, line {number}")
-        expected = 6 if name == "root" else len(bones[name].freedoms)
+        expected = 6 if name == "root" else len(bones[name]["dof"])
         try:
             values = [float(word) for word in words[1:]]
         except ValueError:
@@ -143,7 +127,7 @@ def _frames(path: Path, bones: dict[str, _Bone], skeleton: Path) -> list[dict[st
                 f"'{name}' by {skeleton.name}); found '{line.strip()[:60]}'."
             )
         frames[-1][name] = values
-    moving = {name for name, bone in bones.items() if bone.freedoms} | {"root"}
+    moving = {name for name, bone in bones.items() if bone["dof"]} | {"root"}
     for i, frame in enumerate(frames):
         if missing := sorted(moving - set(frame)):
             raise HandtrackError(f"{path}: frame {i + 1} lacks the bone '{missing[0]}'.")
