@@ -38,7 +38,6 @@ from handtrack.session.layout import KEYPOINTS_FOLDER, MASKS_FOLDER, POSES_FILE,
 from handtrack.session.refined_masks import MaskRefinement
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
-from handtrack.session.sources.clouds import StereoClouds
 from handtrack_app.commands.terminal.output import (
     answer,
     note,
@@ -217,8 +216,7 @@ def match_stereo(session: Path, frames: str | None, out: Path | None, json: bool
         )
     settings = opened.file.clouds or CloudSettings()
     names = settings.stereo or _pairs(opened)
-    pairs = tuple((opened.view(a), opened.view(b)) for a, b in names)
-    source = StereoClouds(pairs, settings.matching)
+    measuring = opened.with_clouds(settings.with_values({"stereo": names}))
     note(*(finding.text for finding in check_synchrony(opened) if finding.severity == "warning"))
     print_status("pairs: " + ", ".join(f"{a} and {b}" for a, b in names))
     folder.mkdir(parents=True, exist_ok=True)
@@ -227,7 +225,7 @@ def match_stereo(session: Path, frames: str | None, out: Path | None, json: bool
         for frame in numbers:
             if stop():
                 break
-            cloud = source.read(frame)
+            cloud = measuring.measured_cloud(frame)
             if cloud is not None:
                 path = folder / f"{frame:06d}.ply"
                 with replacing(path) as part:
@@ -235,7 +233,7 @@ def match_stereo(session: Path, frames: str | None, out: Path | None, json: bool
                 counts.append(len(cloud))
             bar.update()
     _summarise(json, opened, folder, numbers, counts)
-    note(*opened.warnings, *source.warnings)
+    note(*measuring.warnings)
     return stop.code
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -29,22 +30,24 @@ class CloudSource:
 
     def __init__(
         self,
-        cameras_needed: tuple[Floats[K, D3], ...],
-        names: tuple[str, ...] = (),
-        parts: Sequence[Callable[[int], PointCloud | None]] = (),
+        cameras_needed: Sequence[Floats[K, D3]],
+        names: Sequence[str],
+        parts: Sequence[Callable[[int], PointCloud | None]],
+        told: Callable[[], Iterable[str]] = tuple,
     ) -> None:
-        self._parts = parts
-        self.names = names
+        """told: what was odd so far, in plain sentences; what was odd about images is said by their views."""
+        self._parts, self._told = parts, told
+        self.names = tuple(names)
         """of the session's cameras whose images are measured; none where clouds are read from files"""
-        self.cameras_needed = cameras_needed
+        self.cameras_needed = tuple(cameras_needed)
         """centres (K, 3), world [m], of cameras that must all see a point for it to be measured, a set each"""
-        self.camera_centres: Floats[C, D3] = np.concatenate(cameras_needed)
+        self.camera_centres: Floats[C, D3] = np.concatenate(self.cameras_needed)
         """(C, 3) world [m], of the cameras that measured"""
 
     @property
     def warnings(self) -> list[str]:
-        """What was odd so far, in plain sentences; what was odd about images is said by their views."""
-        return []
+        """What was odd so far, in plain sentences."""
+        return list(self._told())
 
     def read(self, frame: int) -> PointCloud | None:
         """Return the frame's cloud in the world frame; None where none was taken."""
@@ -52,100 +55,63 @@ class CloudSource:
         return merged(clouds) if clouds else None
 
 
-class StereoClouds(CloudSource):
-    """Clouds of calibrated pairs, merged; where a camera has masks, only their pixels.
+class _StereoPair:
+    """The clouds of a calibrated pair; where a camera has masks, only of their pixels.
 
-    The first frame matched of a pair is also looked at for why it might not fit.
+    The first frame that is matched is also looked at for why the pair might not fit.
     """
 
-    def __init__(self, pairs: tuple[tuple[View, View], ...], settings: StereoSettings) -> None:
+    def __init__(self, first: View, second: View, settings: StereoSettings) -> None:
         """Raises HandtrackError for cameras that cannot make a pair."""
-        super().__init__(
-            tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b in pairs),
-            tuple(view.name for pair in pairs for view in pair),
-            [partial(self._read, index) for index in range(len(pairs))],
-        )
+        self._views = first, second
         # along level lines mosaics are interpolated at the real coordinates that rectification asks for
-        by_level_lines = [
-            all(str(view.settings.demosaic or "").startswith("level_line") for view in pair)
-            for pair in pairs
-        ]
-        self._pairs = tuple(
-            (a, b, StereoMatcher(a.camera, b.camera, settings, exact))
-            for (a, b), exact in zip(pairs, by_level_lines, strict=True)
-        )
-        self._met: dict[int, str] = {}  # by pair, once it was looked at; empty: nothing is odd
-        self._lock = threading.Lock()
-
-    @property
-    def warnings(self) -> list[str]:
-        with self._lock:
-            met = [text for _, text in sorted(self._met.items())]
-        lengths = (_length_warning(a, b) for a, b, _ in self._pairs)
-        return [*filter(None, (*lengths, *met))]
-
-    def _read(self, index: int, frame: int) -> PointCloud | None:
-        first, second, matcher = self._pairs[index]
-        left, right = first.image(frame), second.image(frame)
-        if left is None or right is None:
-            return None
-        images = left, right
-        view = matcher.match(*images, first.hand_pixels(frame), second.hand_pixels(frame))
-        if view.asked > 0:  # an empty mask is no fault of the pair
-            with self._lock:
-                is_new = index not in self._met
-                self._met.setdefault(index, "")
-            if is_new and (problem := check_pair(matcher, view, *images)) is not None:
-                with self._lock:
-                    self._met[index] = f"[clouds] stereo, frame {frame}, {problem}"
-        return matcher.triangulate(view)
-
-
-class FileClouds(CloudSource):
-    """Clouds from files, one a frame. A damaged file among others is a missing cloud, and said."""
-
-    def __init__(self, files: Mapping[int, Path], rig: CameraRig, world_unit_m: float) -> None:
-        """Raises HandtrackError when none of the first files can be read."""
-        super().__init__(tuple(camera.centre[None] for camera in rig))
-        self._files = files
-        self._unit = world_unit_m
-        self._notes = FrameNotes()
-        self._first: tuple[int, PointCloud | None] = (-1, None)
-        self._try_first()
-
-    @property
-    def warnings(self) -> list[str]:
-        return list(self._notes.texts)
+        exact = all(str(v.settings.demosaic or "").startswith("level_line") for v in self._views)
+        self._matcher = StereoMatcher(first.camera, second.camera, settings, exact)
+        self._unlooked_at = threading.Lock()  # the first frame takes it for good
+        self.odd = ""
 
     def read(self, frame: int) -> PointCloud | None:
-        path = self._files.get(frame)
-        if path is None:
+        images = [view.image(frame) for view in self._views]
+        left, right = images
+        if left is None or right is None:
             return None
-        first, self._first = self._first, (-1, None)
-        if first[0] == frame:
-            return first[1]
-        try:
-            return self._read(frame, path)
-        except HandtrackError as error:
-            self._notes.add(frame, f"{error} Frame {frame} counts as missing.")
-            return None
+        view = self._matcher.match(left, right, *(v.hand_pixels(frame) for v in self._views))
+        # an empty mask is no fault of the pair
+        if view.asked > 0 and self._unlooked_at.acquire(blocking=False):
+            problem = check_pair(self._matcher, view, left, right)
+            self.odd = f"[clouds] stereo, frame {frame}, {problem}" if problem else ""
+        return self._matcher.triangulate(view)
 
-    def _read(self, frame: int, path: Path) -> PointCloud:
-        cloud, warnings = read_cloud(path, self._unit)
-        self._notes.add(frame, *warnings)
+
+def _files(files: Mapping[int, Path], rig: CameraRig, world_unit_m: float) -> CloudSource:
+    """Return clouds of files, one a frame. A damaged file among others is a missing cloud, and said; where none of the first
+    can be read, HandtrackError is raised.
+    """
+    notes = FrameNotes()
+
+    def cloud_of(frame: int) -> PointCloud:
+        cloud, warnings = read_cloud(files[frame], world_unit_m)
+        notes.add(frame, *warnings)
         return cloud
 
-    def _try_first(self) -> None:
-        """Read a file, so that a session none of whose clouds can be used is refused at once."""
-        problem: HandtrackError | None = None
-        for frame, path in list(self._files.items())[:_TRIED]:
-            try:
-                self._first = (frame, self._read(frame, path))
-                return
-            except HandtrackError as error:
-                problem = problem or error
-        if problem is not None:
-            raise problem
+    def read(frame: int) -> PointCloud | None:
+        try:
+            return cloud_of(frame) if frame in files else None
+        except HandtrackError as error:
+            notes.add(frame, f"{error} Frame {frame} counts as missing.")
+            return None
+
+    problems: list[HandtrackError] = []
+    for frame in islice(files, _TRIED):
+        try:
+            cloud_of(frame)
+            break
+        except HandtrackError as error:
+            problems.append(error)
+    else:
+        if problems:
+            raise problems[0]
+    return CloudSource([camera.centre[None] for camera in rig], (), [read], lambda: notes.texts)
 
 
 def _length_warning(first: View, second: View) -> str:
@@ -178,12 +144,20 @@ def cloud_source(
     by_name = {view.name: view for view in views}
     if settings.depth:
         chosen = [by_name[name] for name in settings.depth]
-        return CloudSource(
-            tuple(view.camera.centre[None] for view in chosen),
-            settings.depth,
-            [partial(_depth_cloud, view) for view in chosen],
-        )
+        centres = [view.camera.centre[None] for view in chosen]
+        return CloudSource(centres, settings.depth, [partial(_depth_cloud, v) for v in chosen])
     if settings.stereo:
-        pairs = tuple((by_name[first], by_name[second]) for first, second in settings.stereo)
-        return StereoClouds(pairs, settings.matching)
-    return FileClouds(files, rig, file.session.world_unit_m)
+        both = [(by_name[first], by_name[second]) for first, second in settings.stereo]
+        pairs = [_StereoPair(*views, settings.matching) for views in both]
+
+        def told() -> Iterable[str]:
+            lengths = (_length_warning(*views) for views in both)
+            return filter(None, (*lengths, *(pair.odd for pair in pairs)))
+
+        return CloudSource(
+            [np.stack([view.camera.centre for view in views]) for views in both],
+            [view.name for views in both for view in views],
+            [pair.read for pair in pairs],
+            told,
+        )
+    return _files(files, rig, file.session.world_unit_m)
