@@ -17,10 +17,11 @@ from handtrack.bench.measuring import (
 from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
 from handtrack.session.bundled import bundled_session
-from handtrack.session.run import Reporting, TrackingRun
+from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Observer
+from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.state import TrackerState
 
 FRAMES = 60
@@ -85,8 +86,12 @@ def times_between_frames(session: Session, values: dict[str, object], count: int
     start, params = run.initial()
     frames = range(start, min(start + count, session.frame_count))
     at: list[float] = []
-    control = Control(observer=Reporting(lambda *_: at.append(time.perf_counter())), refines=False)
-    for _ in run.track(frames, start, params, control):
+
+    class Clock(Observer):
+        def provisional(self, result: FrameResult) -> None:
+            at.append(time.perf_counter())
+
+    for _ in run.track(frames, start, params, Control(observer=Clock(), refines=False)):
         pass
     return [1e3 * float(t) for t in np.diff(at)[_AFTER:]]
 

@@ -118,7 +118,7 @@ class TrackingRun:
         known = session.prior_person and _of_this_recording(session, settings, session.prior_person)
         run = cls(session, first, settings, scale, arm_m, model, known)
         if run.sizes_first and settings.model.fit_size == "true" and first is not None:
-            return run.fit_size(should_stop)
+            return run.fit_size(Control(should_stop) if should_stop else Control())
         return run
 
     @property
@@ -151,10 +151,9 @@ class TrackingRun:
 
     def fit_size(
         self,
-        should_stop: Callable[[], bool] | None = None,
+        control: Control = Control(),
         frames: range | None = None,
         most: int | None = None,
-        on_progress: ReportProgress | None = None,
         tracked: Iterable[FrameResult] | None = None,
         sizes: bool | None = None,
     ) -> TrackingRun:
@@ -166,35 +165,22 @@ class TrackingRun:
         given) with the size at hand. Then fits shape and poses of at most `most` of the surest
         together; where a detector sees the joints is found with them, or alone: sizes says so, else
         session.toml.
-
-        Parameters
-        ----------
-        on_progress
-            Called with the share that is done, 0 to 1, and what is done in words.
         """
         if sizes is None:
             sizes = self.session.hand_scale == "fit" and self.prior_person is None
-        report = on_progress or (lambda share, words, tracked=None: None)
         share, usual = 0.0, MOST_BY_JOINTS if self.sees_joints else MOST_FRAMES
         if tracked is None:
-            tracked = posed_by_joints(self, frames or self.session.frame_range, should_stop)
+            tracked = posed_by_joints(self, frames or self.session.frame_range, control.should_stop)
             if not tracked:
                 share = TRACKED_SHARE
-                tracked = tracked_for_size(self, frames, should_stop, report)
+                tracked = tracked_for_size(self, frames, control)
         tracked = list(tracked)
         run = self.with_arm_of(tracked)
         if run is not self:
             tracked = [
                 replace(r, parameters=run.joint_params_from(self, r.parameters)) for r in tracked
             ]
-        scale = size_of_frames(
-            run,
-            tracked,
-            most or usual,
-            should_stop,
-            lambda done, words: report(share + (1 - share) * done, words),
-            sizes,
-        )
+        scale = size_of_frames(run, tracked, most or usual, control, share, sizes)
         return run if scale is None else replace(run.with_scale(scale), is_sized=True)
 
     def with_arm_of(self, tracked: Iterable[FrameResult]) -> TrackingRun:
@@ -544,27 +530,11 @@ def _forearm(
     return unseen if found is None else found
 
 
-ReportProgress = Callable[..., None]
-"""is given the share that is done, 0 to 1, what is done in words, and a frame that was just tracked for it, if one was"""
+class _Sizing(Observer):
+    """Shows somebody the frames that are tracked to fit the size."""
 
-
-class Reporting(Observer):
-    """Reports progress and provisional results; keeps what all frames share."""
-
-    refinement = ""
-
-    def __init__(self, report: ReportProgress = lambda *now: None) -> None:
-        self._report = report
-        self.now: tuple[float, str] = 0.0, ""
-
-    def provisional(self, result: FrameResult) -> None:
-        self._report(*self.now, result)
-
-    def progress(self, share: float) -> None:
-        self._report(share)
-
-    def shared(self, refinement: str) -> None:
-        self.refinement = refinement
+    def __init__(self, shown: Observer) -> None:
+        self.provisional = shown.tried
 
 
 MOST_FRAMES = 8
@@ -578,32 +548,27 @@ _STRETCH = 40  # frames tracked to fit the hand's size, at least; more until eno
 _ROUNDS = 2  # of choosing: a better shape makes more frames sure
 
 
-def tracked_for_size(
-    run: TrackingRun,
-    frames: range | None,
-    should_stop: Callable[[], bool] | None,
-    on_progress: ReportProgress,
-) -> list[FrameResult]:
+def tracked_for_size(run: TrackingRun, frames: range | None, control: Control) -> list[FrameResult]:
     """Return frames tracked from the first pose, each by those before it: all of `frames`, or unless given until enough are sure."""
     live, (start, params) = run.with_values({"tracker.estimate": "forward"}), run.initial()
     results: list[FrameResult] = []
     wanted = frames or run.session.frame_range
-    observer = Reporting(on_progress)
-    control = Control(should_stop or (lambda: False), observer)
-    for result in live.track(wanted, start, params, control):
+    observer = control.observer
+    for result in live.track(
+        wanted, start, params, Control(control.should_stop, _Sizing(observer))
+    ):
         results.append(result)
         count, sure = len(results), sum(r.status == Status.TRACKED for r in results)
         least = len(wanted) if frames else min(_STRETCH, len(wanted))
         share = TRACKED_SHARE * min(count / least, 1.0)
-        observer.now = share, f"{count} frames tracked, {sure} are sure"
-        on_progress(*observer.now)
+        observer.progress(share, f"{count} frames tracked, {sure} are sure", "size")
         if frames is None and count >= least and sure >= MOST_FRAMES:
             break
     return results
 
 
 def posed_by_joints(
-    run: TrackingRun, frames: range, should_stop: Callable[[], bool] | None
+    run: TrackingRun, frames: range, should_stop: Callable[[], bool]
 ) -> list[FrameResult]:
     """Return frames spread evenly over `frames` at the poses that joints of two cameras say; none where too few have any.
 
@@ -615,7 +580,7 @@ def posed_by_joints(
     (hand, *_) = run.whole_hands()
     chosen = np.unique(np.linspace(frames.start, frames.stop - 1, 2 * MOST_BY_JOINTS).round())
     for frame in chosen.astype(int).tolist():
-        if should_stop is not None and should_stop():
+        if should_stop():
             return []
         seen = run.uncropped_observation(frame)
         joints = seen.image_keypoints
@@ -630,17 +595,17 @@ def size_of_frames(
     run: TrackingRun,
     results: Iterable[FrameResult],
     most: int,
-    should_stop: Callable[[], bool] | None,
-    on_progress: Callable[[float, str], None],
+    control: Control = Control(),
+    done: float = 0.0,
     sizes: bool = True,
 ) -> HandScale | None:
     """Return the person who explains the surest frames best, at most so many, of postures that differ; None where none can tell. Where
     clouds alone show the hand, and measured less than 70 % of what they could, the size is held at the population's mean and spread.
 
     With the shape that is found frames are assessed again, and those that are sure then count too. If `sizes` is not wished,
-    where a detector sees joints is found alone.
+    where a detector sees joints is found alone. done: the share of all the work that came before.
     """
-    stop, scale, used = should_stop or (lambda: False), None, set[int]()
+    stop, scale, used = control.should_stop, None, set[int]()
     results = [result for result in results if result.status != Status.LOST]
     for step in range(_ROUNDS):
         if step or any(not result.energies for result in results):
@@ -660,16 +625,12 @@ def size_of_frames(
             return unmeasured_size(_subject(run).build, mean)
         subject = replace(_subject(run), sizes=sizes)
         poses = [run.model.transform.solver_params(result.parameters) for result in chosen]
-        words = f"{len(chosen)} frames fitted together"
-        found = fit_person(
-            subject,
-            run.model,
-            run.settings,
-            seen,
-            poses,
-            stop,
-            lambda share, step=step, words=words: on_progress((step + share) / _ROUNDS, words),
-        )
+
+        def report(share: float, step: int = step, count: int = len(chosen)) -> None:
+            all_done = done + (1 - done) * (step + share) / _ROUNDS
+            control.observer.progress(all_done, f"{count} frames fitted together", "size")
+
+        found = fit_person(subject, run.model, run.settings, seen, poses, stop, report)
         if found is None:
             break
         scale, run = found, run.with_scale(found)

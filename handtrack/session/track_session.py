@@ -5,20 +5,21 @@ size or shape → segments between fixed poses → forward pass → joint optimi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import field, replace
 from hashlib import blake2b
 from itertools import pairwise
+from typing import Any
 
 from handtrack.arrays import Floats, P, S, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.posed_frames import keyframe_result, posed_frames
-from handtrack.session.run import Reporting, ReportProgress, TrackingRun
+from handtrack.session.run import TrackingRun
 from handtrack.session.side import wrong_side_warning
 from handtrack.session.takes.take_recorder import TakeRecorder
-from handtrack.tracking.frame.control import Control, Observer, SearchReport
+from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.frame.result import FrameResult, Status, Step, TrackResult
 from handtrack.tracking.sequence import tracked_by_new_share
 from handtrack.tracking.whole.refinement import Refinement
@@ -60,19 +61,6 @@ class Segment:
 
 
 # ---- events
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a stage without frames is (not yielded: goes to `on_progress`)."""
-
-    stage: str
-    """`size` or `refine`"""
-    share: float
-    """0 to 1"""
-    message: str = ""
-    tracked: FrameResult | None = None
-    """a frame that was just tracked to fit the size; nothing is kept of it"""
 
 
 @array_dataclass
@@ -130,8 +118,6 @@ class Ended:
 
 Event = SizeFitted | PassBegan | FrameResult | FramesRefined | str | Ended
 """a frame's result is one of the forward pass; words warn of something about the recording that the tracked frames show"""
-OnProgress = Callable[[Progress | FrameResult], None]
-"""is called with a frame's result before a search beside may change it"""
 
 
 def request_for(
@@ -175,7 +161,6 @@ def track_session(
     run: TrackingRun,
     request: TrackingRequest | None = None,
     control: Control = Control(),
-    on_progress: OnProgress = lambda progress: None,
     take: TakeRecorder | None = None,
 ) -> Iterator[Event]:
     """Track a session: the same events, and the same numbers, for whoever asks.
@@ -187,9 +172,8 @@ def track_session(
     request
         what to track; `request_for(run)` unless given
     control
-        `should_stop` is asked between solver steps: true cancels, and while it does not return, tracking pauses
-    on_progress
-        called on this thread with what is not yielded, as it changes quickly
+        `should_stop` is asked between solver steps: true cancels, and while it does not return, tracking pauses; `observer` is
+        told on this thread what is not yielded, as it changes quickly
     take
         where frames are kept, and from where an interrupted run resumes; nowhere unless given
 
@@ -204,7 +188,7 @@ def track_session(
         for input that cannot be used, before the first frame; after it, `Ended.problem` says so
     """
     request = request_for(run) if request is None else request
-    yield from _Tracking(request.run or run, request, control, on_progress, take).events()
+    yield from _Tracking(request.run or run, request, control, take).events()
 
 
 def refine_frames(
@@ -212,7 +196,6 @@ def refine_frames(
     request: TrackingRequest,
     tracked: Sequence[FrameResult],
     control: Control,
-    on_progress: OnProgress,
     changed: Sequence[int] | None = None,
 ) -> FramesRefined:
     """Optimise tracked frames jointly; fixed poses of the request stay.
@@ -224,7 +207,7 @@ def refine_frames(
     changed
         frames whose fixed poses are new since they were last refined: those that they affect alone are done. None: all
     """
-    observer = Reporting(lambda share: on_progress(Progress("refine", share)))
+    observer = Refining(control.observer)
     control = replace(control, observer=observer)
     before = {result.frame: result for result in tracked}
     fixed = {f: run.model.params_within_limits(r.parameters) for f, r in request.fixed.items()}
@@ -284,6 +267,18 @@ def _halves(
     return [Segment(range(low, middle), low, before), Segment(range(middle, high), high - 1, after)]
 
 
+class Refining(Observer):
+    """Shows somebody how far refining is; keeps what all frames share."""
+
+    refinement = ""
+
+    def __init__(self, shown: Observer = Observer()) -> None:
+        self.progress = shown.progress
+
+    def shared(self, refinement: str) -> None:
+        self.refinement = refinement
+
+
 class _Tracking(Observer):
     """The state of one tracking, from its first event to its last."""
 
@@ -292,11 +287,12 @@ class _Tracking(Observer):
         run: TrackingRun,
         request: TrackingRequest,
         control: Control,
-        on_progress: OnProgress,
         take: TakeRecorder | None,
     ) -> None:
         self._run, self._request, self._take = run, request, take
-        self._on_progress = on_progress
+        self._shown = shown = control.observer
+        self.search, self.provisional = shown.search, shown.provisional
+        self.progress = shown.progress
         self._interrupted = False
         self._control = replace(control, refines=False, should_stop=self._stops, observer=self)
         self._caller = control
@@ -310,20 +306,15 @@ class _Tracking(Observer):
     def _stops(self) -> bool:
         return self._interrupted or self._caller.should_stop()
 
-    def search(self, report: SearchReport) -> None:
-        self._caller.observer.search(report)
-
-    def provisional(self, result: FrameResult) -> None:
-        self._on_progress(result)
-
     def step(self, step: Step) -> None:
         if self._take is not None:
             self._take.add(step)
         if self._recorded and not self._run.session.is_counted:
             self._steps.append(step)
 
-    def _report(self, stage: str) -> ReportProgress:
-        return lambda *done: self._on_progress(Progress(stage, *done))
+    def _sizing(self, run: TrackingRun, words: str, **frames: Any) -> TrackingRun:
+        self.progress(0.0, f"fitting the {run.model.kind}'s size {words}…", "size")
+        return run.fit_size(Control(self._stops, self._shown), **frames)
 
     def events(self) -> Iterator[Event]:
         """Yield all events."""
@@ -331,9 +322,8 @@ class _Tracking(Observer):
         yield from odd_side(run.first, run.session)
         if request.fit_size and run.sizes_first and run.settings.model.fit_size == "true":
             sized = None
-            self._on_progress(Progress("size", 0.0, f"fitting the {run.model.kind}'s size …"))
             try:
-                sized = run.fit_size(self._stops, on_progress=self._report("size"))
+                sized = self._sizing(run, "")
             except KeyboardInterrupt:
                 self._interrupted = True
             if sized is None or self._stops():
@@ -418,7 +408,7 @@ class _Tracking(Observer):
         tracked = [self._results[frame] for frame in sorted(self._results)]
         paths = [(one.first, one.params, one.frames) for one in segments]
         tracked = tracked_by_new_share(run.tracker, run.observation, tracked, paths, self._control)
-        found = refine_frames(run, self._request, tracked, self._control, self._on_progress)
+        found = refine_frames(run, self._request, tracked, self._control)
         changed = [r for r in found.results if r is not self._results.get(r.frame)]
         found = replace(found, results=changed)
         self._results |= {result.frame: result for result in changed}
@@ -446,9 +436,8 @@ class _Tracking(Observer):
         run, request = self._run, self._request
         results = [self._results[frame] for frame in sorted(self._results)]
         if request.fit_size and run.settings.model.fit_size == "later" and run.size_is_open:
-            message = f"fitting the {run.model.kind}'s size to the {len(results)} frames that were tracked …"
-            self._on_progress(Progress("size", 0.0, message))
-            other = run.fit_size(self._stops, on_progress=self._report("size"), tracked=results)
+            words = f"to the {len(results)} frames that were tracked "
+            other = self._sizing(run, words, tracked=results)
             if self._stops():
                 yield f"the {run.model.kind}'s size is not fitted."
                 return

@@ -93,9 +93,9 @@ class FakeRun(TrackingRun):
     def fit_of(self, frame, params):
         return self.doubt, None
 
-    def fit_size(self, should_stop=None, *, on_progress=None, tracked=None):
-        if on_progress is not None:
-            on_progress(0.5, "5 of 10 frames tracked", self._result(5, self.model.rest_params(), 3))
+    def fit_size(self, control=Control(), tracked=None):
+        control.observer.progress(0.5, "5 of 10 frames tracked", "size")
+        control.observer.tried(self._result(5, self.model.rest_params(), 3))
         self.sizing()  # it looks up too rarely
         return self.with_scale(HandScale(1.1))
 

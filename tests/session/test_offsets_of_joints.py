@@ -5,8 +5,8 @@ import pytest
 
 from handtrack import HandScale, Session, TrackingRun, load_model, read_npz, write_npz
 from handtrack.model.articulated import keypoint_names
-from handtrack.session.run import Reporting
 from handtrack.session.session_file import HandSettings
+from handtrack.session.track_session import Refining
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
@@ -59,7 +59,7 @@ def test_offsets_are_found_though_the_size_is_given(run):
 
 def test_offsets_are_found_again_with_all_frames(folder):
     """The pass that refines the recording finds them itself, where nothing was fitted before; not those of a saved hand."""
-    told = Reporting()
+    told = Refining()
     run = TrackingRun.open(Session.open(folder), JOINTS_ALONE | {"model.fit_size": "later"})
     list(run.track(range(FRAMES), *run.initial(), Control(observer=told)))
     found = Refinement.read(told.refinement).scale

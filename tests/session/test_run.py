@@ -28,6 +28,7 @@ from handtrack.session.session_file import CameraSettings
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import CustomMotion, Simulation, simulate
 from handtrack.tracking.frame.confidence import frame_confidence
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.tables.track_model import model_of
@@ -110,7 +111,6 @@ def test_a_cuff_is_modelled_as_long_as_masks_show_it_and_found_again(run):
 
 MEAN = load_model("hand26")
 SMALL = HandScale(0.67)
-SILENT = lambda share, words: None  # noqa: E731
 POSES = motion(MEAN, "open_fist_open", 100, np.random.default_rng(0))[:2]
 
 
@@ -139,7 +139,7 @@ def fitted(missing, scale=HandScale(), first=None):
         )
         for one, joint in zip(seen, POSES, strict=True)
     ]
-    return run, size_of_frames(run, posed, 2, None, SILENT)  # type: ignore[arg-type]
+    return run, size_of_frames(run, posed, 2)  # type: ignore[arg-type]
 
 
 def test_half_a_hand_tells_no_size():
@@ -195,8 +195,8 @@ def test_the_first_frames_do_not_decide_where_they_are_bad():
     run = run_of(HandScale(), seen)
     run.track, run.initial, run.with_values = track, lambda: (0, poses[0]), lambda values: run
     run.session.frame_range, run.session.frame_count = range(len(seen)), len(seen)
-    tracked = tracked_for_size(run, None, None, SILENT)  # type: ignore[arg-type]
-    size = size_of_frames(run, tracked, 8, None, SILENT)  # type: ignore[arg-type]
+    tracked = tracked_for_size(run, None, Control())  # type: ignore[arg-type]
+    size = size_of_frames(run, tracked, 8)  # type: ignore[arg-type]
     assert size.overall == pytest.approx(1.08, abs=0.02)
 
 

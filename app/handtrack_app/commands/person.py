@@ -19,6 +19,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.sources.skin_samples import painted_skin, segmented_skin
 from handtrack.tracking.frame.confidence import hand_words
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.tables.track_model import model_of
 from handtrack.tracking.size.spread import spread_of_track
 from handtrack_app.commands.terminal.output import (
@@ -80,8 +81,8 @@ def fit_person(options: PersonOptions) -> int:
         before = after = None
         if not stop():
             before = TrackingRun.open(session, overrides, first, stop)
-            with share_bar("sizing") as report:
-                after = before.fit_size(stop, frames, options.count, report, sizes=True)
+            with share_bar("sizing") as bar:
+                after = before.fit_size(Control(stop, bar), frames, options.count, sizes=True)
         if stop() or before is None or after is None:
             print_status(f"handtrack {options.command}: interrupted; nothing was saved.")
             return INTERRUPTED

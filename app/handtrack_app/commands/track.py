@@ -27,7 +27,6 @@ from handtrack.session.track_session import (
     Event,
     FramesRefined,
     PassBegan,
-    Progress,
     SizeFitted,
     request_for,
     track_session,
@@ -139,9 +138,7 @@ def run(options: TrackOptions) -> int:
         try:
             request = request_for(run_, frames, from_init=options.init is None)
             with progress:
-                end, warnings = progress.follow(
-                    track_session(run_, request, control, progress.show, take), stop
-                )
+                end, warnings = progress.follow(track_session(run_, request, control, take), stop)
             stop.shielded = True  # from here on it is saved
             code = _save(end, out, take, warnings, began if options.json else None)
             if options.explain is not None:
@@ -298,18 +295,15 @@ class Progressing(Observer):
         if report.frame == self._explain:
             self.reports.append(report)
 
-    def show(self, progress: Progress | FrameResult) -> None:
-        """Show how far a stage without frames is."""
-        if isinstance(progress, FrameResult):
-            return
-        if progress.stage != self._stage:
+    def progress(self, share: float, words: str = "", stage: str = "refine") -> None:
+        if stage != self._stage:
             self._bars.close()
-            self._stage = progress.stage
-            if progress.message:
-                print_status(progress.message)
-            self._report = self._bars.enter_context(share_bar(_STAGES[progress.stage]))
-        if progress.share > 0:
-            self._report(progress.share, progress.message)
+            self._stage = stage
+            if words:
+                print_status(words)
+            self._shown = self._bars.enter_context(share_bar(_STAGES[stage]))
+        if share > 0:
+            self._shown.progress(share, words)
 
     def follow(self, events: Iterator[Event], stop: Stop) -> tuple[Ended, list[str]]:
         """Follow a tracking to its end; return how it ended, and its warnings."""

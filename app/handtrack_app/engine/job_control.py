@@ -27,7 +27,6 @@ from handtrack.session.session_state import (
 from handtrack.session.track_session import (
     FramesRefined,
     PassBegan,
-    Progress,
     SizeFitted,
     TrackingRequest,
 )
@@ -44,6 +43,7 @@ from handtrack_app.engine.jobs import (
     BackgroundJob,
     JobEnded,
     JobEvent,
+    TriedFrame,
     Watch,
     Work,
 )
@@ -420,7 +420,7 @@ class JobControl:
         match event:
             case FrameResult() as result:
                 self._tracked(result)
-            case Progress(tracked=FrameResult() as result):
+            case TriedFrame(result):
                 self._tried(result)
             case PassBegan() as began:
                 self._pass_began(job, began)

@@ -19,14 +19,13 @@ from handtrack.session.track_session import (
     Event,
     FramesRefined,
     PassBegan,
-    Progress,
     SizeFitted,
     TrackingRequest,
     refine_frames,
     track_session,
 )
 from handtrack.tracking.find_pose import PoseEstimate
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.frame.result import FrameResult
 
 _TOGETHER = 100  # refined frames that are handed over at once
@@ -40,14 +39,20 @@ class JobEnded:
     problem: Exception | None = None
 
 
+@dataclass(frozen=True)
+class TriedFrame:
+    """A frame that is tracked to fit the size: nothing is kept of it."""
+
+    result: FrameResult
+
+
 FirstPoses = list[PoseEstimate]
 """poses that explain a frame, the most probable first"""
 Corrections = dict[tuple[str, int], Correction]
 """of masks, carried to the frames beside: as the session's state has them"""
 Work = Callable[["BackgroundJob"], None]
 """does a job; asks its `should_stop` between solver steps"""
-JobEvent = Event | Progress | FirstPoses | Corrections | JobEnded
-"""`Progress` of a frame that is tracked to fit the size: nothing is kept of it"""
+JobEvent = Event | TriedFrame | FirstPoses | Corrections | JobEnded
 Post = Callable[["BackgroundJob", JobEvent], None]
 """hands something that a job did over to the worker"""
 Watch = Callable[[TrackingRun, FrameResult], None]
@@ -167,27 +172,33 @@ class BackgroundJob:
         self.report(JobEnded(self._stop.is_set(), problem))
 
 
+class _Following(Observer):
+    """Shows how a job goes on."""
+
+    def __init__(self, job: BackgroundJob) -> None:
+        self._job = job
+
+    def provisional(self, result: FrameResult) -> None:
+        self._job.count(result.frame)
+        self._job.report(result)
+
+    def tried(self, result: FrameResult) -> None:
+        if self._job.kind == "tracking":
+            self._job.report(TriedFrame(result))
+
+    def progress(self, share: float, words: str = "", stage: str = "refine") -> None:
+        if stage != self._job.stage:
+            self._job.begin_stage(stage)
+        self._job.show_progress(share, _SIZING + words if stage == "size" else _REFINING)
+
+
 def track(
     job: BackgroundJob, run: TrackingRun, request: TrackingRequest, watch: Watch | None
 ) -> None:
     """Track frames (`track_session`)."""
 
-    def progressed(now: Progress | FrameResult) -> None:
-        if isinstance(now, FrameResult):
-            job.count(now.frame)
-            job.report(now)
-            return
-        if now.stage != job.stage:
-            job.begin_stage(now.stage)
-        if now.stage == "refine":
-            job.show_progress(now.share, _REFINING)
-            return
-        job.show_progress(now.share, _SIZING + now.message)
-        if now.tracked is not None:
-            job.report(now)
-
-    control = Control(job.should_stop, waits=not job.is_live)
-    for event in track_session(run, request, control, progressed):
+    control = Control(job.should_stop, _Following(job), waits=not job.is_live)
+    for event in track_session(run, request, control):
         if job.stage:
             job.begin_stage()
         if isinstance(event, FramesRefined):
@@ -212,12 +223,8 @@ def refine(
     changed: Sequence[int] | None,
 ) -> None:
     """Refine tracked frames together; where keyframes have changed since, those alone that they affect (`refine_frames`)."""
-
-    def progressed(now: Progress | FrameResult) -> None:
-        if isinstance(now, Progress):
-            job.show_progress(now.share, _REFINING)
-
-    result = refine_frames(run, request, tracked, Control(job.should_stop), progressed, changed)
+    control = Control(job.should_stop, _Following(job))
+    result = refine_frames(run, request, tracked, control, changed)
     _report_refined(job, result)
     for words in [] if result.refinement is None else result.refinement.words:
         job.report(words)
@@ -231,10 +238,7 @@ def _report_refined(job: BackgroundJob, refined: FramesRefined) -> None:
 
 def fit_size(job: BackgroundJob, run: TrackingRun) -> None:
     """Fit the size to the frames near the first pose."""
-    result = run.fit_size(
-        job.should_stop,
-        on_progress=lambda share, words, _=None: job.show_progress(share, _SIZING + words),
-    )
+    result = run.fit_size(Control(job.should_stop, _Following(job)))
     if not job.should_stop():
         job.report(SizeFitted(result))
 

@@ -72,8 +72,13 @@ class Observer:
     def provisional(self, result: FrameResult) -> None:
         """Take a frame's result as soon as it is solved; a search beside may still change it, and the frames after it. What holds is yielded later."""
 
-    def progress(self, share: float) -> None:
-        """Take the share that is done, 0 to 1, while all frames are refined together."""
+    def tried(self, result: FrameResult) -> None:
+        """Take a frame that was just tracked to fit the size; nothing is kept of it."""
+
+    def progress(self, share: float, words: str = "", stage: str = "refine") -> None:
+        """Take how far a stage without frames is: the share that is done, 0 to 1, and what is done in words. Stages: `refine`, of all
+        frames together, and `size`.
+        """
 
     def shared(self, refinement: str) -> None:
         """Take, once, what all frames share, as they were refined: `whole.refinement.Refinement` as JSON."""

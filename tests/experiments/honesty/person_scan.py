@@ -13,7 +13,7 @@ from handtrack import ArticulatedModel, HandScale, Session, TrackingRun, load_mo
 from handtrack.arrays import F, Floats, S
 from handtrack.model.pose_library import named_pose
 from handtrack.model.size import SizeParameters
-from handtrack.session.run import Reporting
+from handtrack.session.track_session import Refining
 from handtrack.simulation.simulate import CustomMotion, Simulation, simulate
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.whole.refinement import Refinement
@@ -72,7 +72,7 @@ def scanned(run: TrackingRun) -> HandScale:
     """Return the person of a recording as tracking with scale = "fit" finds them, from the mean adult on."""
     hand = replace(run.session.file.hand, scale="fit")
     run.session.file = replace(run.session.file, hand=hand)
-    run, told = run.with_values({"model.fit_size": "true"}).fit_size(), Reporting()
+    run, told = run.with_values({"model.fit_size": "true"}).fit_size(), Refining()
     for _ in run.track(run.session.frame_range, *run.initial(), Control(observer=told)):
         pass
     return Refinement.read(told.refinement).scale or run.scale

@@ -33,7 +33,7 @@ from handtrack.geometry.triangulation import triangulated
 from handtrack.model.model_file import write_scale
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_search import find_first_poses
-from handtrack.session.run import Reporting
+from handtrack.session.track_session import Refining
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.whole.refinement import Refinement
 
@@ -87,7 +87,7 @@ def tracked_alone(session: Session, frames: range, settings: Mapping[str, object
     first = find_first_poses(look, frames)[0]
     run = TrackingRun.open(session, settings, FirstPose.of(first))
     frame, start = run.initial()
-    told = Reporting()
+    told = Refining()
     results = list(run.track(frames, frame, start, Control(observer=told)))
     count = len(frames)
     return Person(run, results[:count], results[count:], Refinement.read(told.refinement))

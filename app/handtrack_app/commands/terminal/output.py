@@ -19,7 +19,7 @@ from handtrack.files.atomic import filling
 from handtrack_app.engine.compile_watch import CompileWatch
 
 if TYPE_CHECKING:
-    from handtrack.session.run import ReportProgress
+    from handtrack.tracking.frame.control import Observer
 
 
 def output_file(
@@ -143,19 +143,22 @@ def progress_bar(total: float, what: str, **how: Any) -> tqdm:
 
 
 @contextmanager
-def share_bar(what: str) -> Iterator[ReportProgress]:
-    """Give what tells how far something without frames is: a share from 0 to 1, and words; the bar comes with the first."""
+def share_bar(what: str) -> Iterator[Observer]:
+    """Give what shows how far something without frames is; the bar comes with the first share."""
+    from handtrack.tracking.frame.control import Observer  # slow to import
+
     bars: list[tqdm] = []
 
-    def report(share: float, words: str, _: object = None, /) -> None:
-        if not bars:
-            shape = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
-            bars.append(progress_bar(1.0, what, bar_format=shape))
-        bars[0].set_postfix_str(words, refresh=False)
-        bars[0].update(share - bars[0].n)
+    class Bar(Observer):
+        def progress(self, share: float, words: str = "", stage: str = "") -> None:
+            if not bars:
+                shape = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
+                bars.append(progress_bar(1.0, what, bar_format=shape))
+            bars[0].set_postfix_str(words, refresh=False)
+            bars[0].update(share - bars[0].n)
 
     try:
-        yield report
+        yield Bar()
     finally:
         for bar in bars:
             bar.close()
