@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -463,26 +464,7 @@ def _row(row: Outcome) -> str:
 _OK, _SOME, _INTERRUPTED = 0, 3, 130
 
 
-@dataclass(frozen=True)
-class BatchOptions:
-    """Options of `handtrack batch`."""
-
-    pattern: list[str]
-    jobs: int
-    dask: str | None
-    resume: bool
-    out: Path
-    most_lost: float
-    init: str | None
-    yes: bool
-    frames: str | None
-    use: str | None
-    set: list[str]
-    seed: int | None
-    json: bool
-
-
-def run(options: BatchOptions) -> int:
+def run(options: Namespace) -> int:
     """Track all; return 0, 3 where recordings have no result or lost too many frames, 130 when interrupted."""
     out = options.out.resolve()
     ledger = out / LEDGER_FILE
@@ -544,7 +526,7 @@ def run(options: BatchOptions) -> int:
     return _SOME if poor else _OK
 
 
-def track_words(options: BatchOptions) -> list[str]:
+def track_words(options: Namespace) -> list[str]:
     """Return the options of `handtrack track` that a batch hands on to each recording."""
     words = [word for pair in options.set for word in ("--set", pair)]
     for name in ("init", "frames", "use", "seed"):

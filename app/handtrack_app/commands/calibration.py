@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -44,26 +45,7 @@ _Inputs = dict[str, dict[str, FrameSource]]
 """by camera, its sources: `shared`, matched between cameras by frame number, and `alone`, of its lens"""
 
 
-@dataclass(frozen=True)
-class CalibrateOptions:
-    """Options of `handtrack calibrate`."""
-
-    out: Path
-    board: str
-    dpi: float
-    camera: Mapping[str, Sequence[str]]
-    intrinsics: Mapping[str, Sequence[str]]
-    known: Path | None
-    world: str | None
-    no_k3: bool
-    no_tangential: bool
-    most_views: int
-    most_images: int
-    bayer: str | None
-    json: bool
-
-
-def calibrate(options: CalibrateOptions) -> int:
+def calibrate(options: Namespace) -> int:
     """Find the board, calibrate, write calibration.toml and the report; print the report. Or write the board."""
     board = parse_board(options.board)
     if options.out.suffix.lower() in FORMATS:
@@ -100,7 +82,7 @@ def calibrate(options: CalibrateOptions) -> int:
     return 0
 
 
-def _inputs(options: CalibrateOptions) -> _Inputs:
+def _inputs(options: Namespace) -> _Inputs:
     inputs = _Inputs()
     uses = (("shared", "--camera", options.camera), ("alone", "--intrinsics", options.intrinsics))
     for use, option, given in uses:
@@ -188,7 +170,7 @@ def _some_images(inputs: _Inputs, cameras: Sequence[CameraViews]) -> list[Array]
     return images
 
 
-def _write_report(calibration: RigCalibration, board: Board, options: CalibrateOptions) -> None:
+def _write_report(calibration: RigCalibration, board: Board, options: Namespace) -> None:
     """Print the report; beside calibration.toml leave it as text, and two pictures."""
     text = report_text(calibration.report)
     stem = options.out.with_suffix("")

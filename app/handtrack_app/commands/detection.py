@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import time
+from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -52,22 +53,7 @@ _MOST = 0.5
 _SEEDED = '{ method = "seeded" }'
 
 
-@dataclass(frozen=True)
-class DetectOptions:
-    """Options of `handtrack detect`."""
-
-    session: Path
-    frames: str | None
-    weights: Path | None
-    camera: list[str]
-    every: int
-    write: bool
-    masks: bool
-    backend: str | None
-    json: bool
-
-
-def detect(options: DetectOptions) -> int:
+def detect(options: Namespace) -> int:
     """Look for the hand in every frame asked for, write its joints, and say how the session is to use them."""
     session = Session.open(options.session)
     detector = HandDetector.open(options.weights, options.backend)

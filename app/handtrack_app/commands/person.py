@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from argparse import Namespace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,6 @@ from handtrack_app.commands.terminal.output import (
     stoppable,
 )
 from handtrack_app.commands.terminal.track_options import (
-    TrackingOptions,
     ask_for_other_side,
     asked_for,
     parse_frames,
@@ -47,18 +47,7 @@ _FILES = {
 _OF_RECORDINGS = ("frames", "init", "use", "set", "person")
 
 
-@dataclass(frozen=True, kw_only=True)
-class PersonOptions(TrackingOptions):
-    """Options of `handtrack person` and `handtrack size`."""
-
-    command: str
-    count: int
-    spread: bool
-    out: Path | None
-    json: bool
-
-
-def fit_person(options: PersonOptions) -> int:
+def fit_person(options: Namespace) -> int:
     """Save the person of a tracked sequence; or track the frames asked for, fit a person to some of them, and save it. Return the
     exit code.
     """
@@ -97,7 +86,7 @@ def fit_person(options: PersonOptions) -> int:
     return _save(options.json, out, replace(after.model, scale=replace(after.scale, source=source)))
 
 
-def _of_track(options: PersonOptions) -> int:
+def _of_track(options: Namespace) -> int:
     given = [name for name in _OF_RECORDINGS if getattr(options, name)]
     if given:
         raise HandtrackError(

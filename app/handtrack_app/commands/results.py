@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from handtrack.diagnostics.metrics import evaluate
@@ -32,22 +33,7 @@ from handtrack_app.commands.terminal.track_options import parse_frames
 _NEGLIGIBLE_M = 1e-4  # a tenth of a millimetre: the bound that every format is held to
 
 
-@dataclass(frozen=True)
-class ExportOptions:
-    """Options of `handtrack export`."""
-
-    poses: Path
-    to: str | None
-    out: Path | None
-    up: str | None
-    landmarks: str | None
-    mano: Path | None
-    metadata: Path | None
-    session: Path | None
-    json: bool
-
-
-def export_poses(options: ExportOptions) -> int:
+def export_poses(options: Namespace) -> int:
     """Write the converted file, and those that belong to it, and name them."""
     if options.to is None:
         formats = {known.name: known.purpose for known in FORMATS}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,42 +49,7 @@ _FRAMES = 100
 _SUFFIXES = (".bvh", ".amc", ".asf", ".trc", ".c3d", ".csv")
 
 
-@dataclass(frozen=True, kw_only=True)
-class MotionOptions:
-    """Options of every command that reads a motion file."""
-
-    out: Path
-    model: str | None
-    skeleton: Path | None
-    names: Path | None
-    unit_m: float | None
-    positions: str | None
-    motion_fps: float | None
-    side: str
-    json: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulateOptions(MotionOptions):
-    """Options of `handtrack simulate`."""
-
-    cameras: int
-    frames: int | None
-    size: Sequence[int]
-    motion: str | None
-    scale: float
-    forearm: bool
-    distance: float | None
-    fps: float
-    no_images: bool
-    joints_px: float | None
-    clouds: bool
-    distortion: bool
-    init_noise_mm: float
-    seed: int
-
-
-def run(options: SimulateOptions) -> int:
+def run(options: Namespace) -> int:
     """Render the session folder and name it."""
     check_new(options.out)
     file = _motion_file(options)
@@ -144,7 +110,7 @@ def _usual(model: str) -> tuple[str, float]:
     return _BODY if load_model(model).kind == "body" else _HAND
 
 
-def _motion_file(options: SimulateOptions) -> Path | None:
+def _motion_file(options: Namespace) -> Path | None:
     """Return the file that `--motion` names; None for a motion's name. Raises HandtrackError for options of files alone."""
     text = options.motion
     if text is not None and (Path(text).suffix.lower() in _SUFFIXES or "/" in text):
@@ -160,15 +126,7 @@ def _motion_file(options: SimulateOptions) -> Path | None:
 # ---- `handtrack retarget`: a model fitted to a motion file
 
 
-@dataclass(frozen=True, kw_only=True)
-class RetargetOptions(MotionOptions):
-    """Options of `handtrack retarget`."""
-
-    file: Path
-    scale: Path | None
-
-
-def retarget(options: RetargetOptions) -> int:
+def retarget(options: Namespace) -> int:
     """Fit size and every frame; write poses, or a session with them; tell how near each joint is."""
     is_file = options.out.suffix.lower() == ".npz"
     if is_file:
@@ -220,7 +178,7 @@ _HAND_JOINTS = 12
 """of a hand's 21, from which on a file is a hand's where it is no body's"""
 
 
-def model_of(options: MotionOptions, names: Sequence[str], path: Path) -> str:
+def model_of(options: Namespace, names: Sequence[str], path: Path) -> str:
     """Return the model's name: the user's, else a body's or a hand's, whichever the file's names are of."""
     if options.model is not None:
         return options.model
@@ -240,7 +198,7 @@ def model_of(options: MotionOptions, names: Sequence[str], path: Path) -> str:
 
 
 def clip_of(
-    options: MotionOptions,
+    options: Namespace,
     raw: tuple[MotionClip, float | None, str],
     model: ArticulatedModel,
     path: Path,

@@ -6,9 +6,9 @@ import json
 import sys
 import tempfile
 import time
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,7 +46,6 @@ from handtrack_app.commands.terminal.output import (
 )
 from handtrack_app.commands.terminal.track_options import (
     SURE,
-    TrackingOptions,
     ask_for_other_side,
     asked_for,
     check_recording,
@@ -63,23 +62,7 @@ if TYPE_CHECKING:
 _PROGRAM = "handtrack track"
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrackOptions(TrackingOptions):
-    """Options of `handtrack track`."""
-
-    seed: int | None
-    size_later: bool
-    out: Path | None
-    rerun: bool
-    rerun_save: Path | None
-    rerun_frame: int | None
-    restart: bool
-    take_over: bool
-    explain: int | None
-    json: bool
-
-
-def run(options: TrackOptions) -> int:
+def run(options: Namespace) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
     began = time.monotonic()
     more: dict[str, object] = {} if options.seed is None else {"tracker.seed": options.seed}

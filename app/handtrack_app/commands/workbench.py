@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,31 +25,7 @@ if TYPE_CHECKING:
     from handtrack_app.access.web_server import WebServer
 
 
-@dataclass(frozen=True, kw_only=True)
-class ServerOptions:
-    """Options of every command that serves a page."""
-
-    host: str
-    port: int | None
-    no_browser: bool
-    rerun: bool
-    memory: float | None
-    take_over: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class OpenOptions(ServerOptions):
-    """Options of `handtrack open`."""
-
-    session: Path | None
-    choose: bool
-    live: bool
-    camera: Mapping[str, str]
-    record: Path | None
-    tolerance_ms: float
-
-
-def open_session(options: OpenOptions) -> int:
+def open_session(options: Namespace) -> int:
     """Serve the workbench, after the start page where a recording is to be chosen, until Ctrl-C."""
     if options.choose:
         return _choose(options)
@@ -63,13 +38,13 @@ def open_session(options: OpenOptions) -> int:
     return _open(options, folder, live=live)
 
 
-def open_demo(options: ServerOptions) -> int:
+def open_demo(options: Namespace) -> int:
     """Serve the workbench on a recording that is tracked already, until Ctrl-C."""
     return _open(options, demo_session(), demo=True)
 
 
 def _open(
-    options: ServerOptions, folder: Path, demo: bool = False, live: LiveOptions | None = None
+    options: Namespace, folder: Path, demo: bool = False, live: LiveOptions | None = None
 ) -> int:
     if options.port is not None:
         choose_port(options.host, options.port)  # says what is wrong with it before anything starts
@@ -78,7 +53,7 @@ def _open(
     return 0 if web is None else _choose(options, web)
 
 
-def _choose(options: ServerOptions, web: WebServer | None = None) -> int:
+def _choose(options: Namespace, web: WebServer | None = None) -> int:
     """Serve start page and workbench in turns until Ctrl-C. web: of the page before; the browser's page goes on there."""
     from handtrack_app.start.start_page import choose_recording
 
@@ -101,7 +76,7 @@ def _choose(options: ServerOptions, web: WebServer | None = None) -> int:
 
 
 def _serve(
-    options: ServerOptions,
+    options: Namespace,
     folder: Path,
     demo: bool = False,
     live: LiveOptions | None = None,
@@ -113,7 +88,7 @@ def _serve(
     if not demo:
         remember(folder)
     child = EngineChild(ENGINE_LOG)  # its imports take longest: they run beside those of the page
-    plan = EnginePlan(folder, live, options.rerun, options.take_over, memory=memory)
+    plan = EnginePlan(folder, live, options.rerun, not demo and options.take_over, memory=memory)
     port = FIRST_PORT if options.port is None else options.port
     port, token = (port, None) if web is None else (web.port, web.token)
     try:
@@ -124,7 +99,7 @@ def _serve(
         child.kill()
 
 
-def live_options(options: OpenOptions) -> LiveOptions | None:
+def live_options(options: Namespace) -> LiveOptions | None:
     """Return what was said of running cameras; None without --live. Raises HandtrackError."""
     if not options.live:
         if options.camera or options.record is not None:

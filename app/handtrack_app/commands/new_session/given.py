@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,6 @@ from handtrack.session.session import Session
 from handtrack.session.session_file import BODY_TRACKING, is_definition
 from handtrack_app.commands.new_session.recordings import (
     GivenSubject,
-    NewOptions,
     joint_regions,
     subject_in_views,
 )
@@ -37,7 +36,7 @@ from handtrack_app.commands.terminal.output import can_ask, confirmed, print_sta
 
 
 def given_rig(
-    options: NewOptions,
+    options: Namespace,
     sizes: Mapping[str, tuple[int, int]],
     cameras: Sequence[str],
     subject: GivenSubject,
@@ -181,7 +180,7 @@ USUAL = "right"
 _SURE = 0.9  # below, somebody is asked
 
 
-def check_detector(options: NewOptions, wanted: bool) -> str:
+def check_detector(options: Namespace, wanted: bool) -> str:
     """Return what is missing for the hand to be found in images, in a sentence, or nothing. Raises HandtrackError for a file
     that was named and cannot be used. wanted: it will be looked for, so that a detector is fetched if that is agreed to.
     """
@@ -202,7 +201,7 @@ def check_detector(options: NewOptions, wanted: bool) -> str:
     return ""
 
 
-def side_of_hand(session: Session, options: NewOptions) -> str:
+def side_of_hand(session: Session, options: Namespace) -> str:
     """Return the side that the images show, with how sure that is said; asked where it is not sure, `right` where nobody knows.
 
     Weights must be there.
@@ -233,8 +232,8 @@ def side_of_hand(session: Session, options: NewOptions) -> str:
 # ---- A project of another program (`handtrack new --project`)
 
 
-def with_project(options: NewOptions) -> tuple[NewOptions, Pose2SimProject | None]:
-    """Return the options, with those that the user left open filled in by the project's folder. Raises HandtrackError."""
+def fill_by_project(options: Namespace) -> Pose2SimProject | None:
+    """Fill in what the user left open by the project's folder; return the project, None without one. Raises HandtrackError."""
     if options.folder is not None:
         raise HandtrackError(
             f"unexpected '{options.folder}'. For a Pose2Sim project or trial, write --project {options.folder}; a camera's video is given "
@@ -245,20 +244,16 @@ def with_project(options: NewOptions) -> tuple[NewOptions, Pose2SimProject | Non
             raise HandtrackError(
                 "give the cameras with --calibration FILE, or a Pose2Sim project with --project FOLDER."
             )
-        return options, None
+        return None
     if len(options.calibration) > 1:
         raise HandtrackError("--project: expected one --calibration at most.")
     project = read_pose2sim(options.project, next(iter(options.calibration), None))
-    filled = replace(
-        options,
-        calibration=[project.calibration],
-        video=_filled(options.video, project.videos),
-        images=_filled(options.images, project.images),
-        keypoints=_filled(options.keypoints, project.keypoints),
-        fps=project.fps if options.fps is None else options.fps,
-    )
-    return filled, project
-
-
-def _filled(given: Mapping[str, str], theirs: Mapping[str, object]) -> dict[str, str]:
-    return {**given, **{name: str(path) for name, path in theirs.items() if name not in given}}
+    options.calibration = [project.calibration]
+    for kind, theirs in (
+        ("video", project.videos), ("images", project.images), ("keypoints", project.keypoints),
+    ):  # fmt: skip
+        given = getattr(options, kind)
+        more = {name: str(path) for name, path in theirs.items() if name not in given}
+        setattr(options, kind, given | more)
+    options.fps = project.fps if options.fps is None else options.fps
+    return project

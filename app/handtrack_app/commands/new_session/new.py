@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -35,15 +36,14 @@ from handtrack_app.commands.new_session.given import (
     USUAL_MODELS,
     check_detector,
     definition_of,
+    fill_by_project,
     given_rig,
     side_of_hand,
     tracking_of,
-    with_project,
 )
 from handtrack_app.commands.new_session.recordings import (
     CameraJoints,
     Given,
-    NewOptions,
     Recorded,
     check_sizes,
     copied,
@@ -63,9 +63,9 @@ _MOST = 0.5
 _WITHOUT_JOINTS = "skin_ycrcb"
 
 
-def make_session(options: NewOptions) -> int:
+def make_session(options: Namespace) -> int:
     """Make the folder; whatever is wrong is found before anything is written."""
-    options, project = with_project(options)
+    project = fill_by_project(options)
     recorded = recorded_cameras(options)
     _check_depth(recorded, options.depth_scale)
     check_new(options.out)
@@ -226,7 +226,7 @@ def _with_masks_by_joints(
     return replace(file, cameras=tuple(changed))
 
 
-def _check_cameras(recorded: Mapping[str, Recorded], rig: CameraRig, options: NewOptions) -> None:
+def _check_cameras(recorded: Mapping[str, Recorded], rig: CameraRig, options: Namespace) -> None:
     """Raise HandtrackError for a camera that the calibration lacks, or whose images are not of its size."""
     for name, cam in recorded.items():
         if name not in rig:

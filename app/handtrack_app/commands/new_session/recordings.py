@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import shutil
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,38 +36,6 @@ from handtrack_app.commands.terminal.output import note, print_status
 
 _BLOCK_PX = 16
 _IMAGES, _VIDEO, _DEPTH = "--images", "--video", "--depth"
-
-
-@dataclass(frozen=True)
-class NewOptions:
-    """Options of `handtrack new`."""
-
-    out: Path
-    folder: str | None
-    project: Path | None
-    calibration: list[Path]
-    video: Mapping[str, str]
-    images: Mapping[str, str]
-    depth: Mapping[str, str]
-    depth_scale: float | None
-    keypoints: Mapping[str, str]
-    layout: str | None
-    person: int | None
-    model: str | None
-    truth: Path | None
-    name: str
-    side: str | None
-    detector: Path | None
-    track: bool
-    fps: float | None
-    world_unit_m: float | None
-    names: Path | None
-    lens: str | None
-    link: bool
-    yes: bool
-    scaled: bool
-    masks: str | None
-    json: bool
 
 
 @dataclass(frozen=True)
@@ -103,7 +72,7 @@ class Recorded:
         return next((given.size for given in (self.images, self.depth) if given is not None), None)
 
 
-def recorded_cameras(options: NewOptions) -> dict[str, Recorded]:
+def recorded_cameras(options: Namespace) -> dict[str, Recorded]:
     """Return what is given by camera, in the order of the options: each a file or a pattern. Raises HandtrackError."""
     cameras: dict[str, Recorded] = {}
     taken: dict[Path, str] = {}
@@ -365,7 +334,7 @@ def _in_view(points: Floats[N, D3], observed: LensView) -> Floats[N, D3]:
 
 
 def given_subject(
-    options: NewOptions, recorded: Mapping[str, Recorded], kind: Subject | None, likely: str | None
+    options: Namespace, recorded: Mapping[str, Recorded], kind: Subject | None, likely: str | None
 ) -> GivenSubject:
     """Return what is tracked, with its joints by camera. Raises HandtrackError where that is open, or cameras differ in it.
 
@@ -422,7 +391,7 @@ def table_to_fill_in(points: Sequence[str]) -> str:
     return "\n".join([*lines, *(f'{joint} = ""' for joint in JOINTS)]) + "\n"
 
 
-def _kind(read: Mapping[str, tuple[str, ImportedJoints]], options: NewOptions) -> Subject:
+def _kind(read: Mapping[str, tuple[str, ImportedJoints]], options: Namespace) -> Subject:
     """Return whether a hand or a body is tracked: as the user says, else what the files have alone."""
     if options.layout is not None:
         return BODY if is_body(LAYOUTS[options.layout]) else HAND
@@ -444,7 +413,7 @@ def _kind(read: Mapping[str, tuple[str, ImportedJoints]], options: NewOptions) -
     return BODY if by_kind[BODY] else HAND
 
 
-def _check_wished(kind: Subject, read: Mapping[str, object], options: NewOptions) -> None:
+def _check_wished(kind: Subject, read: Mapping[str, object], options: Namespace) -> None:
     """Raise HandtrackError for words that do not belong to what is tracked, or to joints that are not given."""
     layout, person = options.layout, options.person
     for option, value in (("--layout", layout), ("--person", person)):
@@ -464,7 +433,7 @@ def _hand(given: ImportedJoints, where: str, side: str | None) -> CameraJoints:
 
 
 def _person(
-    given: ImportedJoints, where: str, likely: str | None, options: NewOptions
+    given: ImportedJoints, where: str, likely: str | None, options: Namespace
 ) -> CameraJoints:
     bodies = given.bodies
     if bodies is None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import zipfile
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from handtrack.errors import HandtrackError, listed_names
@@ -31,21 +31,8 @@ _SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
 _UNUSUAL = ("edges", "intensity")  # off unless they are asked for
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrackingOptions:
-    """Options of every command that tracks a session."""
-
-    session: Path
-    init: str | None
-    yes: bool
-    frames: str | None
-    use: str | None
-    set: list[str]
-    person: Path | None
-
-
 def asked_for(
-    options: TrackingOptions, more: Mapping[str, object]
+    options: Namespace, more: Mapping[str, object]
 ) -> tuple[Session, dict[str, object], TrackerSettings, FirstPose | None]:
     """Return the session of a command that tracks, with a person's shape; what is set otherwise than in it; the settings in force; and
     the first pose of --init. more: settings that other options set. Raises HandtrackError where nothing can be tracked so.
