@@ -32,10 +32,16 @@ from handtrack_app.protocol.snapshots import Notice, RerunPage
 from handtrack_app.rerun.stream import (
     DOTTED,
     Pictures,
-    RerunStream,
+    RerunViewer,
     grey,
+    layout,
+    log_pictures,
+    log_result,
+    log_scalars,
     log_space,
+    recording_to,
     signed_colours,
+    writable,
 )
 
 log = logging.getLogger(__name__)
@@ -82,14 +88,20 @@ class ResidualRecorder:
         self._waiting: SimpleQueue[_Entry | None] = SimpleQueue()
         """None: the end"""
         self._live, self._report = live, report
-        self._stream = RerunStream(path, live, cameras=run.session.rig.cameras)
+        assert path is not None or live, "neither a file nor a viewer"
+        self._path = None if path is None else writable(path)
+        self._viewer = RerunViewer() if live else None
+        self._results: dict[int, FrameResult] = {}
+        """of the frames that were recorded"""
+        self._kinds: set[str] = set()
+        """of pictures that the viewer has room for, besides the usual ones"""
         self._thread = threading.Thread(target=self._paint_all, name="residuals", daemon=True)
         self._thread.start()
 
     @property
     def url(self) -> str:
         """Where the live viewer's page is; empty without one."""
-        return self._stream.url
+        return "" if self._viewer is None else self._viewer.page
 
     @property
     def is_behind(self) -> bool:
@@ -127,14 +139,15 @@ class ResidualRecorder:
         """Record what waits and end. keep_viewer: leave the live viewer running until closed again."""
         self._waiting.put(None)
         self._thread.join()
-        if not keep_viewer:
-            self._stream.stop_viewer()
+        if self._viewer is not None and not keep_viewer:
+            self._viewer.stop()
 
     # ---- on the painting thread
 
     def _paint_all(self) -> None:
         try:
-            with self._stream:
+            cameras = self._run.session.rig.cameras
+            with recording_to(self._path, self._viewer, cameras) as self._recording:
                 if self._live:
                     self._report(self.url)
                 for entry in iter(self._waiting.get, None):
@@ -153,10 +166,18 @@ class ResidualRecorder:
             painter = _Painter(run, result.frame, params, self._before(run, result.frame))
         else:
             self.without_pictures += 1
-        self._stream.log(result, model.named(result.parameters), _error_mm(run, result))
+        recording, named = self._recording, model.named(result.parameters)
+        log_result(recording, result, named, _error_mm(run, result))
+        self._results[result.frame] = result
         if painter is not None:
-            self._stream.log_pictures(painter.pictures(painter.params), painter.overlap())
-            log_space(self._stream.recording, model, *painter.space())
+            pictures = painter.pictures(painter.params)
+            kinds = {kind for made in pictures.values() for kind in made if kind.startswith(DOTTED)}
+            if not kinds <= self._kinds:
+                self._kinds |= kinds
+                recording.send_blueprint(layout(self._kinds))
+            log_pictures(recording, "cameras", pictures)
+            log_scalars(recording, "overlap", painter.overlap())
+            log_space(recording, model, *painter.space())
             if steps:
                 self._watched = (run, result, steps), painter
 
@@ -165,7 +186,7 @@ class ResidualRecorder:
         if run.settings.intensity.weight == 0:
             return None
         count = len(run.model.parameter_names)  # others are of another model
-        known = {n: r for n, r in self._stream.results.items() if len(r.parameters) == count}
+        known = {n: r for n, r in self._results.items() if len(r.parameters) == count}
         last = next((known[n] for n in (frame - 1, frame + 1) if n in known), None)
         if last is None:
             return None
@@ -177,10 +198,15 @@ class ResidualRecorder:
         if self._watched is None:
             return
         (run, result, steps), painter = self._watched
-        model = run.model
+        model, recording = run.model, self._recording
+        root = f"closely/frame_{result.frame}"
+        recording.reset_time()
         for count, (params, cost) in enumerate(steps, start=1):
+            recording.set_time("iteration", sequence=count)
+            log_scalars(recording, f"{root}/energy", {"total": cost})
             named = model.named(model.joint_params(params))
-            self._stream.log_iteration(result.frame, count, cost, named, painter.pictures(params))
+            log_scalars(recording, f"{root}/parameters", named)
+            log_pictures(recording, f"{root}/cameras", painter.pictures(params))
 
 
 class _Painter:

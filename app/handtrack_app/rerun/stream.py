@@ -1,4 +1,4 @@
-"""RerunStream: residual pictures, energies and parameters for rerun's viewer, live or as a file."""
+"""Residual pictures, energies and parameters for rerun's viewer, live or as a file: what is recorded, and how it is shown."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence, Set
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence, Set
+from contextlib import contextmanager, suppress
 from http.client import HTTPConnection
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -244,118 +244,65 @@ Pictures = dict[str, dict[str, Bytes[H, W, *Axes]]]
 DOTTED = "residual_"
 
 
-class RerunStream:
-    """A recording of one tracking run, to a file, to a live viewer on loopback, or to both. One thread begins it, logs and ends it:
-    rerun's clock belongs to that.
+@contextmanager
+def recording_to(
+    path: Path | None, viewer: RerunViewer | None, cameras: Sequence[Camera]
+) -> Iterator[RecordingStream]:
+    """Give a recording of one tracking run, to a file, to a live viewer, which is started, or to both. One thread begins it, logs and
+    ends it: rerun's clock belongs to that. cameras: that are shown in space.
     """
+    import rerun as rr
 
-    def __init__(
-        self,
-        path: Path | None = None,
-        live: bool = False,
-        cameras: Sequence[Camera] = (),
-    ) -> None:
-        """cameras: that are shown in space. path: of the .rrd to write. Raises HandtrackError when it cannot be written."""
-        assert path is not None or live, "neither a file nor a viewer"
-        self._path = None if path is None else _writable(path)
-        self._viewer = RerunViewer() if live else None
-        self._cameras = cameras
-        self.results: dict[int, FrameResult] = {}
-        """of the frames that were written"""
-        self._kinds: set[str] = set()
-
-    @property
-    def url(self) -> str:
-        """Where the live viewer's page is; empty without one."""
-        return "" if self._viewer is None else self._viewer.page
-
-    def __enter__(self) -> RerunStream:
-        import rerun as rr
-
-        sinks: list[FileSink | GrpcSink] = []
-        if self._path is not None:
-            sinks.append(rr.FileSink(str(self._path)))
-        if self._viewer is not None:
-            self._viewer.start()
-            sinks.append(rr.GrpcSink(self._viewer.address))
-        self.recording = rr.RecordingStream("handtrack", send_properties=False)
-        self.recording.set_sinks(*sinks, default_blueprint=_layout())
-        log_cameras(self.recording, self._cameras)
-        return self
-
-    def log(
-        self,
-        result: FrameResult,
-        parameters: Mapping[str, float],
-        error_mm: float = float("nan"),
-    ) -> None:
-        """Write a frame's numbers; what is written next is of the same frame. parameters: joint parameters [m, rad] by name. error_mm: mean
-        distance of joints to the truth, where there is one.
-        """
-        import rerun as rr
-
-        recording = self.recording
-        recording.set_time("frame", sequence=result.frame)
-        recording.set_time("time", duration=result.time_s)
-        _log_scalars(recording, "energy", {"total": result.energy, **result.energies})
-        _log_scalars(recording, "parameters", parameters)
-        solved = {"iterations": result.iterations, "status": int(result.status)}
-        _log_scalars(recording, "solver", solved)
-        if np.isfinite(error_mm):
-            _log_scalars(recording, "error", {"mm": error_mm})
-        if result.note:
-            words = f"frame {result.frame}: {result.note}"
-            recording.log("log", rr.TextLog(words, level="WARN"))
-        self.results[result.frame] = result
-
-    def log_pictures(self, pictures: Pictures, overlap: Mapping[str, float]) -> None:
-        """Write what the cameras saw, and the overlap of model and mask, intersection over union by camera."""
-        kinds = {kind for made in pictures.values() for kind in made if kind.startswith(DOTTED)}
-        if not kinds <= self._kinds:
-            self._kinds |= kinds
-            self.recording.send_blueprint(_layout(self._kinds))
-        _log_pictures(self.recording, "cameras", pictures)
-        _log_scalars(self.recording, "overlap", overlap)
-
-    def log_iteration(
-        self,
-        frame: int,
-        iteration: int,
-        cost: float,
-        parameters: Mapping[str, float],
-        pictures: Pictures,
-    ) -> None:
-        """Write a solver iteration of a frame that is looked at closely, and was written."""
-        recording, root = self.recording, f"closely/frame_{frame}"
-        recording.reset_time()
-        recording.set_time("iteration", sequence=iteration)
-        _log_scalars(recording, f"{root}/energy", {"total": cost})
-        _log_scalars(recording, f"{root}/parameters", parameters)
-        _log_pictures(recording, f"{root}/cameras", pictures)
-        recording.reset_time()
-
-    def __exit__(self, *_: object) -> None:
-        """End the recording; the viewer stays."""
-        self.recording.flush(timeout_sec=_CLOSING_S)
-        self.recording.disconnect()
-
-    def stop_viewer(self) -> None:
-        """End the live viewer."""
-        if self._viewer is not None:
-            self._viewer.stop()
+    sinks: list[FileSink | GrpcSink] = []
+    if path is not None:
+        sinks.append(rr.FileSink(str(path)))
+    if viewer is not None:
+        viewer.start()
+        sinks.append(rr.GrpcSink(viewer.address))
+    recording = rr.RecordingStream("handtrack", send_properties=False)
+    recording.set_sinks(*sinks, default_blueprint=layout())
+    log_cameras(recording, cameras)
+    try:
+        yield recording
+    finally:
+        recording.flush(timeout_sec=_CLOSING_S)
+        recording.disconnect()
 
 
 # ---- entries → entities ----------------------------------------------------------------------------
 
 
-def _log_scalars(recording: RecordingStream, root: str, values: Mapping[str, float]) -> None:
+def log_result(
+    recording: RecordingStream, result: FrameResult, named: Mapping[str, float], error_mm: float
+) -> None:
+    """Record a frame's numbers; what is recorded next is of the same frame. named: joint parameters [m, rad]. error_mm: mean distance
+    of joints to the truth, NaN without.
+    """
+    import rerun as rr
+
+    recording.set_time("frame", sequence=result.frame)
+    recording.set_time("time", duration=result.time_s)
+    log_scalars(recording, "energy", {"total": result.energy, **result.energies})
+    log_scalars(recording, "parameters", named)
+    solved = {"iterations": result.iterations, "status": int(result.status)}
+    log_scalars(recording, "solver", solved)
+    if np.isfinite(error_mm):
+        log_scalars(recording, "error", {"mm": error_mm})
+    if result.note:
+        words = f"frame {result.frame}: {result.note}"
+        recording.log("log", rr.TextLog(words, level="WARN"))
+
+
+def log_scalars(recording: RecordingStream, root: str, values: Mapping[str, float]) -> None:
+    """Record numbers below an entity, by their names."""
     import rerun as rr
 
     for name, value in values.items():
         recording.log(f"{root}/{name}", rr.Scalars(float(value)))
 
 
-def _log_pictures(recording: RecordingStream, root: str, pictures: Pictures) -> None:
+def log_pictures(recording: RecordingStream, root: str, pictures: Pictures) -> None:
+    """Record pictures below an entity, by camera and kind."""
     import rerun as rr
 
     for camera, made in pictures.items():
@@ -372,7 +319,8 @@ def grey(picture: Array[H, W]) -> Bytes[H, W]:
     return np.rint(255 * np.clip(np.nan_to_num(picture), 0.0, 1.0)).astype(np.uint8)
 
 
-def _layout(kinds: Set[str] = frozenset()) -> Blueprint:
+def layout(kinds: Set[str] = frozenset()) -> Blueprint:
+    """Return how the viewer arranges what is recorded. kinds: of pictures, besides the usual ones."""
     import rerun.blueprint as rrb
 
     shown = [
@@ -398,7 +346,8 @@ def _layout(kinds: Set[str] = frozenset()) -> Blueprint:
     )
 
 
-def _writable(path: Path) -> Path:
+def writable(path: Path) -> Path:
+    """Return a file's path. Raises HandtrackError when a recording cannot be written there."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with suppress(FileNotFoundError), path.open("rb+"):
