@@ -24,7 +24,7 @@ _SAME = 1e-4
 @alone
 def jump_polish_1024() -> dict[str, Any]:
     """Return ratio, ours_ms, reference_ms and what the reference is."""
-    scene = full_scene(collision=False)
+    scene = full_scene()
     drawn = covariance_scaled(
         scene.start, scene.covariance, SCALE, STARTS, np.random.default_rng(0).standard_normal
     )
@@ -85,7 +85,7 @@ class DenseKeypoints:
             rows.append(np.eye(len(prior.sigma))[known] / prior.sigma[known, None])
             means.append(prior.mean[known] / prior.sigma[known])
         self.prior_rows, self.prior_means = np.concatenate(rows), np.concatenate(means)
-        self.count = 2 * len(self.problem.camera)
+        self.count = 2 * len(self.problem.views[1])
 
     def residual(self, params: Floats[P]) -> Floats[R]:
         """Return image joints [px], then priors [standard deviations]."""

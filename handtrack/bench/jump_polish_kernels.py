@@ -12,19 +12,20 @@ from handtrack.sampling.keypoint_kernels import place, pose
 def image_rows(problem, params, want_jacobian, residual, jacobian):  # pragma: no cover
     """Fill residual (2 O,) and jacobian (2 O, P) at params (P,); joint parameters are solver parameters here."""
     rotation, at, axes, root = pose(problem, params)
-    row = np.empty((2, 3))
-    for k in range(problem.point.shape[0]):
-        b = problem.point_bone[k]
-        x, y, z = place(problem, rotation, at, k)
-        for o in range(problem.view_start[k], problem.view_start[k + 1]):
-            c, scale = problem.camera[o], np.sqrt(problem.information[o])
-            turn, shift = problem.camera_rotation[c], problem.camera_translation[c]
-            focal, middle = problem.camera_focal[c], problem.camera_middle[c]
+    row, (first, chain) = np.empty((2, 3)), problem.chains
+    turns, shifts, focals, middles = problem.cameras
+    begin, camera, target, information = problem.views
+    for k in range(problem.points[0].shape[0]):
+        b = problem.points[0][k]
+        x, y, z = place(problem.points, rotation, at, k)
+        for o in range(begin[k], begin[k + 1]):
+            c, scale = camera[o], np.sqrt(information[o])
+            turn, shift, focal, middle = turns[c], shifts[c], focals[c], middles[c]
             depth = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + shift[2]
             for i in range(2):
                 across = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z + shift[i]
                 seen = focal[i] * across / depth + middle[i]
-                residual[2 * o + i] = scale * (seen - problem.target[o, i])
+                residual[2 * o + i] = scale * (seen - target[o, i])
                 for j in range(3):
                     row[i, j] = (
                         scale * focal[i] / depth * (turn[i, j] - across / depth * turn[2, j])
@@ -41,8 +42,8 @@ def image_rows(problem, params, want_jacobian, residual, jacobian):  # pragma: n
                 for s in range(3):
                     lever = root[1][:, s]
                     out[3 + s] = lever[0] * t0 + lever[1] * t1 + lever[2] * t2
-                for n in range(problem.chain_start[b], problem.chain_start[b + 1]):
-                    h = problem.chain[n]
+                for n in range(first[b], first[b + 1]):
+                    h = chain[n]
                     base = problem.tree[3][h]
                     d0, d1, d2 = x - at[base, 0], y - at[base, 1], z - at[base, 2]
                     t0, t1, t2 = d1 * n2 - d2 * n1, d2 * n0 - d0 * n2, d0 * n1 - d1 * n0

@@ -1,8 +1,7 @@
 """Compiled cost, gradient and exact Hessian of a key-point problem. Derived in docs/how-to/one_camera.md.
 
 `problem` is a KeypointProblem. A point X has the second derivatives ω_s × (∂X/∂θ_t) for a hinge s above t, so the exact
-Hessian is, like Gauss-Newton's, a sum of 6 × 6 matrices over all that hangs on a bone, and costs hardly more. Of
-collisions only Gauss-Newton's part is added.
+Hessian is, like Gauss-Newton's, a sum of 6 × 6 matrices over all that hangs on a bone, and costs hardly more.
 """
 
 from __future__ import annotations
@@ -10,24 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.compiled import compiled, inlined
-from handtrack.model.kinematics import Frames
-from handtrack.model.kinematics_kernels import pose_bones, screws, turn_root, twist_columns
-from handtrack.terms.bone_kernels import pull_back
-from handtrack.terms.bone_system import Sums
-from handtrack.terms.collision_kernels import collision_sums
+from handtrack.model.kinematics_kernels import pose_bones, screws, turn_root
 from handtrack.terms.loss import robust, robust_slope
 
 _NEAREST_M = 1e-3  # a point this close to a camera's plane counts as behind it
-
-
-@compiled
-def _collisions(problem, rotation, position, width):  # pragma: no cover - compiled
-    """Return the cost of parts that overlap, for bones already placed; and their system in bone twists where width is 6."""
-    size = width * position.shape[0]
-    sums = Sums(width, np.zeros(size), np.zeros((size, size)))
-    if problem.overlaps[1].shape[0] == 0:
-        return 0.0, sums
-    return collision_sums(Frames(rotation, position, position[0]), problem.overlaps, sums), sums
 
 
 @compiled
@@ -48,21 +33,21 @@ def pose(problem, params):  # pragma: no cover - compiled
 
 @compiled
 def prior_cost(problem, params):  # pragma: no cover - compiled
-    cost = problem.prior_cost
+    at, cost, slope, bend = problem.prior
     for p in range(params.shape[0]):
-        d = params[p] - problem.prior_at[p]
+        d = params[p] - at[p]
         if d != 0.0:
-            half = problem.prior_gradient[p]
+            half = slope[p]
             for r in range(params.shape[0]):
-                half += 0.5 * problem.prior_hessian[p, r] * (params[r] - problem.prior_at[r])
+                half += 0.5 * bend[p, r] * (params[r] - at[r])
             cost += d * half
     return cost
 
 
 @inlined
-def _to_camera(problem, c, x, y, z):  # pragma: no cover - compiled
+def _to_camera(cameras, c, x, y, z):  # pragma: no cover - compiled
     """Return a point in the frame of camera c."""
-    turn, shift = problem.camera_rotation, problem.camera_translation
+    turn, shift, _, _ = cameras
     return (
         turn[c, 0, 0] * x + turn[c, 0, 1] * y + turn[c, 0, 2] * z + shift[c, 0],
         turn[c, 1, 0] * x + turn[c, 1, 1] * y + turn[c, 1, 2] * z + shift[c, 1],
@@ -73,23 +58,19 @@ def _to_camera(problem, c, x, y, z):  # pragma: no cover - compiled
 @inlined
 def _point_cost(problem, k, x, y, z):  # pragma: no cover - compiled
     """Return ½ Σ ρ over the observations of point k at a place; infinite behind a camera."""
-    cost = 0.0
-    for o in range(problem.view_start[k], problem.view_start[k + 1]):
-        c = problem.camera[o]
+    cost, (_, _, focal, middle) = 0.0, problem.cameras
+    begin, camera, target, information = problem.views
+    for o in range(begin[k], begin[k + 1]):
+        c = camera[o]
         if c < 0:
-            squared = (
-                (x - problem.target[o, 0]) ** 2
-                + (y - problem.target[o, 1]) ** 2
-                + (z - problem.target[o, 2]) ** 2
-            )
+            squared = (x - target[o, 0]) ** 2 + (y - target[o, 1]) ** 2 + (z - target[o, 2]) ** 2
         else:
-            a, b, d = _to_camera(problem, c, x, y, z)
+            a, b, d = _to_camera(problem.cameras, c, x, y, z)
             if d < _NEAREST_M:
                 return np.inf
-            u = problem.camera_focal[c, 0] * a / d + problem.camera_middle[c, 0]
-            v = problem.camera_focal[c, 1] * b / d + problem.camera_middle[c, 1]
-            squared = (u - problem.target[o, 0]) ** 2 + (v - problem.target[o, 1]) ** 2
-        squared *= problem.information[o]
+            u, v = focal[c, 0] * a / d + middle[c, 0], focal[c, 1] * b / d + middle[c, 1]
+            squared = (u - target[o, 0]) ** 2 + (v - target[o, 1]) ** 2
+        squared *= information[o]
         cost += 0.5 * robust(problem.loss, squared)[0]
     return cost
 
@@ -99,17 +80,15 @@ def keypoint_cost(problem, params):  # pragma: no cover - compiled
     """Return the cost at solver parameters (P,)."""
     rotation, position, _, _ = pose(problem, params)
     cost = prior_cost(problem, params)
-    for k in range(problem.point.shape[0]):
-        x, y, z = place(problem, rotation, position, k)
+    for k in range(problem.points[0].shape[0]):
+        x, y, z = place(problem.points, rotation, position, k)
         cost += _point_cost(problem, k, x, y, z)
-    if cost < np.inf:
-        cost += _collisions(problem, rotation, position, 0)[0]
     return cost
 
 
 @inlined
-def place(problem, turn, at, k):  # pragma: no cover - compiled
-    b, p = problem.point_bone[k], problem.point
+def place(points, turn, at, k):  # pragma: no cover - compiled
+    b, p = points[0][k], points[1]
     x = at[b, 0] + turn[b, 0, 0] * p[k, 0] + turn[b, 0, 1] * p[k, 1] + turn[b, 0, 2] * p[k, 2]
     y = at[b, 1] + turn[b, 1, 0] * p[k, 0] + turn[b, 1, 1] * p[k, 1] + turn[b, 1, 2] * p[k, 2]
     z = at[b, 2] + turn[b, 2, 0] * p[k, 0] + turn[b, 2, 1] * p[k, 1] + turn[b, 2, 2] * p[k, 2]
@@ -125,14 +104,12 @@ def point_forces(problem, k, x, y, z, force, stiffness, bend):  # pragma: no cov
         for j in range(3):
             stiffness[i, j] = 0.0
             bend[i, j] = 0.0
-    for o in range(problem.view_start[k], problem.view_start[k + 1]):
-        c, info = problem.camera[o], problem.information[o]
+    turn, _, focal, middle = problem.cameras
+    begin, camera, target, information = problem.views
+    for o in range(begin[k], begin[k + 1]):
+        c, info = camera[o], information[o]
         if c < 0:
-            d0, d1, d2 = (
-                x - problem.target[o, 0],
-                y - problem.target[o, 1],
-                z - problem.target[o, 2],
-            )
+            d0, d1, d2 = x - target[o, 0], y - target[o, 1], z - target[o, 2]
             squared = info * (d0 * d0 + d1 * d1 + d2 * d2)
             value, weight = robust(problem.loss, squared)
             weight *= info
@@ -140,13 +117,12 @@ def point_forces(problem, k, x, y, z, force, stiffness, bend):  # pragma: no cov
             for i in range(3):
                 stiffness[i, i] += weight
         else:
-            turn = problem.camera_rotation
-            fu, fv = problem.camera_focal[c, 0], problem.camera_focal[c, 1]
-            a, b, d = _to_camera(problem, c, x, y, z)
+            fu, fv = focal[c, 0], focal[c, 1]
+            a, b, d = _to_camera(problem.cameras, c, x, y, z)
             if d < _NEAREST_M:
                 return np.inf
-            u = fu * a / d + problem.camera_middle[c, 0] - problem.target[o, 0]
-            v = fv * b / d + problem.camera_middle[c, 1] - problem.target[o, 1]
+            u = fu * a / d + middle[c, 0] - target[o, 0]
+            v = fv * b / d + middle[c, 1] - target[o, 1]
             squared = info * (u * u + v * v)
             value, weight = robust(problem.loss, squared)
             weight *= info
@@ -223,7 +199,7 @@ def _add_turning(d, f, out):  # pragma: no cover - compiled
 
 @compiled
 def keypoint_system(problem, params):  # pragma: no cover - compiled
-    """Return the cost, gradient (P,), Gauss-Newton matrix (P, P), what the exact Hessian has beyond it, and whether parts collide."""
+    """Return the cost, gradient (P,), Gauss-Newton matrix (P, P), and what the exact Hessian has beyond it."""
     rotation, position, axes, root = pose(problem, params)
     parent, size = problem.tree[0], params.shape[0]
     bones, count = parent.shape[0], 6 + axes.shape[0]
@@ -234,12 +210,12 @@ def keypoint_system(problem, params):  # pragma: no cover - compiled
     force, arm = np.empty(3), np.empty(3)
     stiffness, bend, half = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     cost = 0.0
-    for k in range(problem.point.shape[0]):
-        b = problem.point_bone[k]
-        x, y, z = place(problem, rotation, position, k)
+    for k in range(problem.points[0].shape[0]):
+        b = problem.points[0][k]
+        x, y, z = place(problem.points, rotation, position, k)
         cost += point_forces(problem, k, x, y, z, force, stiffness, bend)
         if not cost < np.inf:
-            return np.inf, gradient, normal, curvature, False
+            return np.inf, gradient, normal, curvature
         arm[0] = x - position[0, 0]
         arm[1] = y - position[0, 1]
         arm[2] = z - position[0, 2]
@@ -262,12 +238,12 @@ def keypoint_system(problem, params):  # pragma: no cover - compiled
     screw, g = np.empty((count, 6)), np.zeros(count)
     n, c = np.zeros((count, count)), np.zeros((count, count))
     screws(problem.tree, root[1], axes, position, screw)
-    by_stiff, by_bent = np.empty(6), np.empty(6)
+    by_stiff, by_bent, (begin, chain) = np.empty(6), np.empty(6), problem.chains
     for t in range(count):
         b, first, last = 0, 0, 0
         if t >= 6:
             b = problem.tree[3][t - 6]
-            first, last = problem.chain_start[b], problem.chain_start[b + 1]
+            first, last = begin[b], begin[b + 1]
         for i in range(6):
             g[t] += screw[t, i] * wrench[b, i]
             x, y = 0.0, 0.0
@@ -276,35 +252,18 @@ def keypoint_system(problem, params):  # pragma: no cover - compiled
                 y += bent[b, i, j] * screw[t, j]
             by_stiff[i], by_bent[i] = x, y
         for k in range(6 + last - first):  # itself and the hinges above
-            s = k if k < 6 else 6 + problem.chain[first + k - 6]
+            s = k if k < 6 else 6 + chain[first + k - 6]
             if s > t:
                 break
             for i in range(6):
                 n[t, s] += screw[s, i] * by_stiff[i]
                 c[t, s] += screw[s, i] * by_bent[i]
-    collision = _add_collisions(problem, rotation, position, screw, g, n)
     for i in range(3):  # the root's rotation vector: its axes J e_j turn with it
         for j in range(i + 1):
             for m in range(3):
                 c[3 + i, 3 + j] += root[2 + i, m, j] * wrench[0, 3 + m]
     _pull_back(problem, params, (g, n, c), gradient, normal, curvature)
-    cost += collision
-    return cost + prior_cost(problem, params), gradient, normal, curvature, collision > 0.0
-
-
-@compiled
-def _add_collisions(problem, rotation, position, screw, g, n):  # pragma: no cover - compiled
-    """Return the cost of parts that overlap; add to the joint gradient (S,) and Gauss-Newton matrix (lower triangle)."""
-    cost = _collisions(problem, rotation, position, 0)[0]
-    if cost > 0.0:
-        twist = np.zeros((position.shape[0], 6, g.shape[0]))
-        twist_columns(problem.tree, screw, twist)
-        by_joint, h = pull_back(_collisions(problem, rotation, position, 6)[1], twist)
-        for s in range(g.shape[0]):
-            g[s] += by_joint[s]
-            for t in range(s + 1):
-                n[s, t] += h[s, t]
-    return cost
+    return cost + prior_cost(problem, params), gradient, normal, curvature
 
 
 @compiled
@@ -312,11 +271,12 @@ def _pull_back(problem, params, joint_sums, gradient, normal, curvature):  # pra
     """Bring joint parameters' sums to solver parameters and add the priors."""
     g, n, c = joint_sums
     (joint, leader, ratios), size = problem.links, params.shape[0]
+    at, _, steep, bend = problem.prior
     for p in range(size):
-        slope = problem.prior_gradient[p]
+        slope = steep[p]
         for r in range(size):
-            slope += problem.prior_hessian[p, r] * (params[r] - problem.prior_at[r])
-            normal[p, r] = problem.prior_hessian[p, r]
+            slope += bend[p, r] * (params[r] - at[r])
+            normal[p, r] = bend[p, r]
             curvature[p, r] = 0.0
         gradient[p] = slope
     for a in range(joint.shape[0]):

@@ -8,15 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q, S
+from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q, S, contiguous
 from handtrack.errors import index_of
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.limits import MovingLimits
 from handtrack.model.skeleton import KinematicTree
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.collision import Collisions, CollisionTerm
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.priors.priors import LinearPrior
 from handtrack.terms.term import ParameterTerm
@@ -26,42 +24,21 @@ class KeypointProblem(NamedTuple):
     """Model, observations and priors; K points are looked at O times, by C cameras or in space."""
 
     tree: KinematicTree
-    chain_start: Ints[Q]
-    """(B + 1,) where each bone's hinges begin in `chain`"""
-    chain: Ints[Q]
-    """the hinges that move each bone, from the root"""
+    chains: tuple[Ints[L], Ints[Q]]
+    """(B + 1,) where each bone's hinges begin in the other; the hinges that move each, from the root"""
     links: tuple[Ints[S], Ints[S], Floats[S]]
     """joint parameter = ratio · leader; each has one"""
     limits: MovingLimits
-    point_bone: Ints[K]
-    point: Floats[K, D3]
-    """in the bone's frame [m]"""
-    view_start: Ints[L]
-    """(K + 1,) where each point's observations begin"""
-    camera: Ints[M]
-    """(O,) index of a camera; −1 for a point in space"""
-    target: Floats[M, D3]
-    """(O, 3) pixels (third number unused) or world [m]"""
-    information: Floats[M]
-    """(O,) 1/σ²"""
-    camera_rotation: Floats[C, D3, D3]
-    """R_camera_world"""
-    camera_translation: Floats[C, D3]
-    camera_focal: Floats[C, D2]
-    """[px]"""
-    camera_middle: Floats[C, D2]
-    """[px]"""
-    overlaps: Collisions
-    """parts that may not pass through each other"""
+    points: tuple[Ints[K], Floats[K, D3]]
+    """the bone of each, and where in its frame [m]"""
+    views: tuple[Ints[L], Ints[M], Floats[M, D3], Floats[M]]
+    """(K + 1,) where each point's observations begin; (O,) the camera of each, −1 for a point in space; (O, 3) pixels (third number
+    unused) or world [m]; (O,) 1/σ²"""
+    cameras: tuple[Floats[C, D3, D3], Floats[C, D3], Floats[C, D2], Floats[C, D2]]
+    """R_camera_world, translation [m], focal lengths and middle [px]"""
     loss: Loss
-    prior_at: Floats[P]
-    """where the priors were expanded; they are quadratic, so this is exact everywhere"""
-    prior_cost: float
-    prior_gradient: Floats[P]
-    prior_hessian: Floats[P, P]
-
-
-_NOTHING = Ellipsoids(np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
+    prior: tuple[Floats[P], float, Floats[P], Floats[P, P]]
+    """where the priors were expanded, and their cost, gradient and Hessian there; they are quadratic, so this is exact everywhere"""
 
 
 def keypoint_problem(
@@ -69,7 +46,6 @@ def keypoint_problem(
     observed: Sequence[Keypoints | ImageKeypoints],
     priors: Sequence[ParameterTerm] = (),
     loss: Loss = quadratic(),
-    collision: CollisionTerm | None = None,
 ) -> KeypointProblem:
     """Return the arrays of a problem; its cost is that of `Problem` with a KeypointTerm for each of
     `observed`.
@@ -78,8 +54,6 @@ def keypoint_problem(
     ----------
     priors
         Quadratic ones (GaussianPrior, LinearPrior).
-    collision
-        Parts that may not pass through each other.
 
     Raises
     ------
@@ -87,21 +61,18 @@ def keypoint_problem(
         For unknown joints.
     """
     skeleton = model.skeleton
-    chain = [skeleton.hinges_above(bone) for bone in range(skeleton.bone_count)]
+    chains = [skeleton.hinges_above(bone) for bone in range(skeleton.bone_count)]
+    begin = np.concatenate([[0], np.cumsum([len(chain) for chain in chains])])
     prior = _expanded(model, priors)
+    gradient, hessian = contiguous(prior.gradient, prior.hessian)
     return KeypointProblem(
-        tree=skeleton.tree,
-        chain_start=np.concatenate([[0], np.cumsum([len(c) for c in chain])]).astype(np.int64),
-        chain=np.concatenate(chain).astype(np.int64),
-        links=model.transform.links,
-        limits=model.moving_limits,
-        **_observations(model, observed),
-        overlaps=(collision or CollisionTerm(_NOTHING, np.zeros((0, 2), int))).collisions,
-        loss=loss,
-        prior_at=model.rest_params(),
-        prior_cost=float(prior.cost),
-        prior_gradient=np.ascontiguousarray(prior.gradient),
-        prior_hessian=np.ascontiguousarray(prior.hessian),
+        skeleton.tree,
+        (begin.astype(np.int64), np.concatenate(chains).astype(np.int64)),
+        model.transform.links,
+        model.moving_limits,
+        *_observations(model, observed),
+        loss,
+        (model.rest_params(), float(prior.cost), gradient, hessian),
     )
 
 
@@ -122,7 +93,8 @@ def _expanded(model: ArticulatedModel, priors: Sequence[ParameterTerm]) -> Joint
 
 def _observations(
     model: ArticulatedModel, observed: Sequence[Keypoints | ImageKeypoints]
-) -> dict[str, Any]:
+) -> tuple[Any, Any, Any]:
+    """Return points, views and cameras, as a KeypointProblem has them."""
     rows: list[tuple[tuple[int, bool], int, Floats, float]] = []
     cameras = [seen.camera for seen in observed if isinstance(seen, ImageKeypoints)]
     for seen in observed:
@@ -144,15 +116,21 @@ def _observations(
         (model.joint_point if given else model.observed_point)[joint] for joint, given in meant
     ]
     count = len(cameras)
-    return {
-        "point_bone": np.asarray(model.joint_bone[joints], dtype=np.int64),
-        "point": np.array(points, dtype=float).reshape(-1, 3),
-        "view_start": starts.astype(np.int64),
-        "camera": np.array([row[1] for row in rows], dtype=np.int64),
-        "target": np.array([row[2] for row in rows], dtype=float).reshape(-1, 3),
-        "information": np.array([row[3] for row in rows], dtype=float),
-        "camera_rotation": np.array([c.rotation for c in cameras]).reshape(count, 3, 3),
-        "camera_translation": np.array([c.translation for c in cameras]).reshape(count, 3),
-        "camera_focal": np.array([np.diag(c.matrix)[:2] for c in cameras]).reshape(count, 2),
-        "camera_middle": np.array([c.matrix[:2, 2] for c in cameras]).reshape(count, 2),
-    }
+    return (
+        (
+            np.asarray(model.joint_bone[joints], dtype=np.int64),
+            np.array(points, dtype=float).reshape(-1, 3),
+        ),
+        (
+            starts.astype(np.int64),
+            np.array([row[1] for row in rows], dtype=np.int64),
+            np.array([row[2] for row in rows], dtype=float).reshape(-1, 3),
+            np.array([row[3] for row in rows], dtype=float),
+        ),
+        (
+            np.array([c.rotation for c in cameras]).reshape(count, 3, 3),
+            np.array([c.translation for c in cameras]).reshape(count, 3),
+            np.array([np.diag(c.matrix)[:2] for c in cameras]).reshape(count, 2),
+            np.array([c.matrix[:2, 2] for c in cameras]).reshape(count, 2),
+        ),
+    )

@@ -11,7 +11,6 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.sampling.polish_kernels import polish_all
-from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.term import ParameterTerm
 
@@ -51,12 +50,10 @@ def polish(
     observed: Sequence[Keypoints | ImageKeypoints],
     priors: Sequence[ParameterTerm] = (),
     loss: Loss = quadratic(),
-    collision: CollisionTerm | None = None,
     iterations: int = 200,
     tolerance: float = 1e-6,
 ) -> Polished:
-    """Return the minima that descent reaches from starts, of the cost of KeypointTerms, priors and
-    collisions.
+    """Return the minima that descent reaches from starts, of the cost of KeypointTerms and priors.
 
     Starts outside the limits are first moved into them. Holds no lock while it runs; the same
     starts give the same bytes.
@@ -67,17 +64,15 @@ def polish(
         Joints in space or in any number of undistorted images.
     priors
         Quadratic ones.
-    collision
-        Parts that may not pass through each other.
     iterations
         Linearisations at most.
     tolerance
         Descent stops when the gradient on the free directions, each in its own standard deviations,
         is shorter.
     """
-    problem = keypoint_problem(model, observed, priors, loss, collision)
+    problem = keypoint_problem(model, observed, priors, loss)
     params = np.array(starts, dtype=float, order="C")
-    check_shape(params, (None, len(problem.prior_at)), "starts")
+    check_shape(params, (None, len(problem.prior[0])), "starts")
     cost, norm, normal, hessian = polish_all(problem, params, iterations, tolerance)
     converged = (norm < tolerance) & np.isfinite(cost)
     return Polished(params, cost, normal, converged, hessian)

@@ -26,33 +26,11 @@ _DAMPING, _LEAST_DAMPING = (
 )  # λ at first, and at least, as a share of the Gauss-Newton diagonal
 _LONGEST_M, _WIDEST_RAD = 0.3, 0.5  # of one step
 _REJECTIONS = 20  # trials at one linearisation before giving up
-_STEP = 1e-6  # [m, rad] of central differences
-_SLOW = 8  # linearisations after which parts that collide are worth an exact Hessian …
-_NEAR = 0.3  # … where the gradient is no longer than this, in standard deviations
 _FLOOR = (
     1e-12  # share of the largest diagonal entry added to all: nothing may be seen of a parameter
 )
 _HELD = 1e3  # diagonal of held parameters in the Hessian that is given back, in units of Gauss-Newton's: no least eigenvalue
 _ROUNDING = 1e-13  # a share of the cost that cannot be told from rounding
-
-
-@compiled
-def _difference(problem, params, normal, curvature):  # pragma: no cover - compiled
-    """Fill normal + curvature with central differences of the gradient: where parts collide, only that is exact."""
-    size = params.shape[0]
-    for p in range(size):
-        here = params[p]
-        params[p] = here + _STEP
-        ahead = keypoint_system(problem, params)[1]
-        params[p] = here - _STEP
-        behind = keypoint_system(problem, params)[1]
-        params[p] = here
-        for r in range(size):
-            curvature[r, p] = (ahead[r] - behind[r]) / (2.0 * _STEP) - normal[r, p]
-    for p in range(size):
-        for r in range(p):
-            middle = 0.5 * (curvature[p, r] + curvature[r, p])
-            curvature[p, r], curvature[r, p] = middle, middle
 
 
 @compiled
@@ -72,7 +50,7 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
     for n in range(starts):
         x = params[n]
         clip(limits, x, box)
-        now, gradient, normal, curvature, collide = keypoint_system(problem, x)
+        now, gradient, normal, curvature = keypoint_system(problem, x)
         level, used = _DAMPING, 0
         while now < np.inf:
             hold(x, gradient, box, held, slope)
@@ -84,8 +62,6 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
             if norm[n] < tolerance or used == iterations:
                 break
             used += 1
-            if used > _SLOW and norm[n] < _NEAR and collide:
-                _difference(problem, x, normal, curvature)
             moved, newton, refused, tighten = False, True, False, 4.0
             floor = 1e-30
             for p in range(size):
@@ -131,7 +107,7 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
                 break
             for p in range(size):
                 x[p] = trial[p]
-            now, gradient, normal, curvature, collide = keypoint_system(problem, x)
+            now, gradient, normal, curvature = keypoint_system(problem, x)
         cost[n] = now
         if not now < np.inf:
             norm[n] = np.inf
@@ -139,8 +115,6 @@ def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - co
         for p in range(size):
             for r in range(size):
                 normal_out[n, p, r] = normal[p, r]
-        if collide:
-            _difference(problem, x, normal, curvature)
         for p in range(size):
             for r in range(size):
                 folded[p, r] = normal[p, r] + curvature[p, r]

@@ -14,7 +14,6 @@ from handtrack.sampling.polish import polish
 from handtrack.sampling.suppression import angle_distance, distinct
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
-from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
 from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
@@ -114,7 +113,7 @@ CAMERAS = (
 )  # fmt: skip
 
 
-def problem_of(rng, model, loss, collision=None):
+def problem_of(rng, model, loss):
     """Return terms of two cameras and space with noise and unknown joints, and parameters near by."""
     size = len(model.rest_params())
     truth = model.clipped(model.rest_params() + 0.3 * rng.normal(size=size))
@@ -128,13 +127,12 @@ def problem_of(rng, model, loss, collision=None):
     seen.append(Keypoints(model.joint_names[2:7], where[2:7], 0.01))
     priors = (rest_prior(model, 0.6), LinearPrior(rng.normal(size=(3, len(model.rest)))))
     terms = [KeypointTerm(model, each, loss=loss) for each in seen]
-    plain = Problem(model, terms if collision is None else [*terms, collision], priors)
-    packed = keypoint_problem(model, seen, priors, loss, collision)
-    return plain, packed, truth + 0.03 * rng.normal(size=size)
+    packed = keypoint_problem(model, seen, priors, loss)
+    return Problem(model, terms, priors), packed, truth + 0.03 * rng.normal(size=size)
 
 
 def system(packed, params):
-    cost, gradient, normal, curvature, _ = keypoint_system(packed, params)
+    cost, gradient, normal, curvature = keypoint_system(packed, params)
     return cost, gradient, normal, normal + curvature
 
 
@@ -158,24 +156,6 @@ def test_is_what_the_terms_say_and_its_exact_hessian_the_gradients_slope(rng, na
     assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
     check_jacobian(lambda x: system(packed, x)[1], hessian, params, names, names, rtol=1e-6)
     assert np.abs(hessian - normal).max() > 1e-3 * np.abs(normal).max()  # the test sees the rest
-
-
-def test_collisions_are_added(rng):
-    """At a pose with an arm through the trunk, and afterwards at one without: nothing of it may stay."""
-    model = load_model("body34")
-    collision = CollisionTerm.of(model)
-    plain, packed, _ = problem_of(rng, model, quadratic(), collision)
-    params = model.rest_params()
-    through = params.copy()
-    through[model.transform.names.index("left_shoulder_abd")] = -0.7
-    assert collision.cost(model.bones(through)) > 0.0 == collision.cost(model.bones(params))
-    for where in (through, params, through):
-        cost, gradient, normal, _ = system(packed, where)
-        known = plain.linearize(where)
-        assert_allclose(cost, known.cost, rtol=1e-11)
-        assert_allclose(keypoint_cost(packed, where), known.cost, rtol=1e-11)
-        assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
-        assert_allclose(gradient, known.gradient, atol=1e-9 * np.abs(known.gradient).max())
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-5, 0.03, 0.0499999, 0.0500001, 0.4, 3.0, 5.0])

@@ -48,8 +48,6 @@ class JumpScene:
     camera: Camera
     observed: ImageKeypoints
     priors: list[ParameterTerm]
-    collision: CollisionTerm | None
-    """the prior that parts do not pass through each other"""
     start: Floats[P]
     """the minimum next to the true pose"""
     covariance: Floats[P, P]
@@ -57,7 +55,7 @@ class JumpScene:
 
     def polished(self, starts: Floats[N, P]) -> Polished:
         """Return the minima that descent reaches from starts."""
-        return polish(self.model, starts, [self.observed], self.priors, collision=self.collision)
+        return polish(self.model, starts, [self.observed], self.priors)
 
     @property
     def targets(self) -> Floats[J, D2]:
@@ -140,7 +138,7 @@ def _hold(
             return
 
 
-def jump_scene(seed: int, collision: bool = True) -> JumpScene:
+def jump_scene(seed: int) -> JumpScene:
     """Return a scene with a random frontal pose of body34; the joints are seen with noise (standard deviation, each axis)."""
     rng = np.random.default_rng(seed)
     model, camera = load_model("body34"), front_camera()
@@ -151,15 +149,14 @@ def jump_scene(seed: int, collision: bool = True) -> JumpScene:
     pixels = camera.project(points) + NOISE_PX * rng.normal(size=(len(names), 2))
     seen = ImageKeypoints(camera, names, pixels, 1.0)
     priors = pose_priors(model, points_rest(model), 0.0)
-    apart = CollisionTerm.of(model) if collision else None
     empty = np.zeros((len(truth), len(truth)))
-    scene = JumpScene(model, camera, seen, priors, apart, truth, empty)
+    scene = JumpScene(model, camera, seen, priors, truth, empty)
     found = scene.polished(truth[None])
     assert found.is_minimum[0], "descent from the truth ended in no minimum"
     spread, _ = covariance(found.normal[0])
     return replace(scene, start=found.params[0], covariance=spread)
 
 
-def full_scene(collision: bool = True) -> JumpScene:
+def full_scene() -> JumpScene:
     """Return the first scene in which both arms have four leaves and both legs two: what limits allow at most."""
-    return jump_scene(FULL_SEED, collision)
+    return jump_scene(FULL_SEED)

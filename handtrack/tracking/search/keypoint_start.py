@@ -143,7 +143,7 @@ def polish_joints(
     model = objective.model
     starts = np.array([c.params for c in candidates])
     priors, loss = pose_priors(model, points_rest(model)), geman_mcclure(_ROBUST_SIGMAS)
-    found = polish(model, starts, objective.keypoints, priors, loss, None, iterations, 1e-3)
+    found = polish(model, starts, objective.keypoints, priors, loss, iterations, 1e-3)
     return [
         replace(c, params=found.params[n], cost=float(found.cost[n]), normal=found.normal[n])
         for n, c in enumerate(candidates)
