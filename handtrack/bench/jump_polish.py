@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,9 +31,9 @@ def jump_polish_1024() -> dict[str, Any]:
     )
     drawn = projected(scene.model, drawn)
     scene.polished(drawn[:1])
-    dense = DenseKeypoints(scene)
-    dense.jacobian(drawn[0])
-    dense.residual(drawn[0])
+    residual, jacobian = _dense(scene)
+    for compiled in (residual, jacobian):
+        compiled(drawn[0])
     begin = time.process_time()
     ours = scene.polished(drawn)
     own = 1e3 * (time.process_time() - begin)
@@ -40,11 +41,11 @@ def jump_polish_1024() -> dict[str, Any]:
     low, high = bounds[:, 0] - 1e-9, bounds[:, 1] + 1e-9
 
     def scipy(method: str, **limits: Any) -> tuple[list[Any], float]:
-        given: Any = {"jac": dense.jacobian, "method": method, "x_scale": "jac"} | limits
+        given: Any = {"jac": jacobian, "method": method, "x_scale": "jac"} | limits
         begin = time.process_time()
         ends = [
             least_squares(
-                dense.residual, start, ftol=1e-10, xtol=1e-10, gtol=1e-10, max_nfev=500, **given
+                residual, start, ftol=1e-10, xtol=1e-10, gtol=1e-10, max_nfev=500, **given
             )
             for start in drawn[:SUBSET]
         ]
@@ -73,32 +74,27 @@ def jump_polish_1024() -> dict[str, Any]:
     }
 
 
-class DenseKeypoints:
-    """The scene as a general solver wants it: residuals and their Jacobian at parameters (P,)."""
+def _dense(
+    scene: JumpScene,
+) -> tuple[Callable[[Floats[P]], Floats[R]], Callable[[Floats[P]], Floats[R, P]]]:
+    """Return the scene as a general solver wants it: residuals at solver parameters, image joints [px], then priors [standard
+    deviations]; and their derivatives.
+    """
+    problem, rows, means = keypoint_problem(scene.model, [scene.observed]), [], []
+    for prior in scene.priors:
+        assert isinstance(prior, GaussianPrior)
+        known = np.flatnonzero(np.isfinite(prior.sigma))
+        rows.append(np.eye(len(prior.sigma))[known] / prior.sigma[known, None])
+        means.append(prior.mean[known] / prior.sigma[known])
+    prior_rows, prior_means = np.concatenate(rows), np.concatenate(means)
+    count = 2 * len(problem.views[1])
 
-    def __init__(self, scene: JumpScene) -> None:
-        self.problem = keypoint_problem(scene.model, [scene.observed])
-        rows, means = [], []
-        for prior in scene.priors:
-            assert isinstance(prior, GaussianPrior)
-            known = np.flatnonzero(np.isfinite(prior.sigma))
-            rows.append(np.eye(len(prior.sigma))[known] / prior.sigma[known, None])
-            means.append(prior.mean[known] / prior.sigma[known])
-        self.prior_rows, self.prior_means = np.concatenate(rows), np.concatenate(means)
-        self.count = 2 * len(self.problem.views[1])
-
-    def residual(self, params: Floats[P]) -> Floats[R]:
-        """Return image joints [px], then priors [standard deviations]."""
-        return np.concatenate(
-            [self._image(params, False)[0], self.prior_rows @ params - self.prior_means]
-        )
-
-    def jacobian(self, params: Floats[P]) -> Floats[R, P]:
-        """Return the residual's derivative by solver parameters."""
-        return np.concatenate([self._image(params, True)[1], self.prior_rows])
-
-    def _image(self, params: Floats, want_jacobian: bool) -> tuple[Floats, Floats]:
-        residual = np.empty(self.count)
-        jacobian = np.empty((self.count if want_jacobian else 0, len(params)))
-        image_rows(self.problem, params, want_jacobian, residual, jacobian)
+    def image(params: Floats[P], want_jacobian: bool) -> tuple[Floats[R], Floats[R, P]]:
+        residual, jacobian = np.empty(count), np.empty((count * want_jacobian, len(params)))
+        image_rows(problem, params, want_jacobian, residual, jacobian)
         return residual, jacobian
+
+    return (
+        lambda params: np.concatenate([image(params, False)[0], prior_rows @ params - prior_means]),
+        lambda params: np.concatenate([image(params, True)[1], prior_rows]),
+    )

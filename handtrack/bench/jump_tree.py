@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,16 +12,14 @@ import numpy as np
 from handtrack.arrays import Floats, P, indices
 from handtrack.bench.measuring import alternating_medians
 from handtrack.geometry.camera import Camera
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.limits import Limits
-from handtrack.model.model_file import load_model
-from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
-from handtrack.model.transform import build_transform
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.model_file import load_model, model_from_definition
 from handtrack.sampling.chains import Chain, chain_along, chains_of
 from handtrack.sampling.interpretation_tree import interpretation_tree
 
 LIMBS, LENGTH_M = 5, 0.25
 Vector = tuple[float, float, float]
+_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def jump_tree_1024() -> dict[str, Any]:
@@ -66,47 +64,31 @@ def jump_tree_1024() -> dict[str, Any]:
 
 def tentacle() -> ArticulatedModel:
     """Return five limbs of a ball joint and a hinge, one at the other's end, with limits."""
-    bones = ["base"]
-    hinges: list[tuple[str, int, Vector, float, float]] = []
-    for limb in range(LIMBS):
-        upper = len(bones)
-        bones += [f"upper_{limb}", f"lower_{limb}"]
-        for name, axis, reach in (("flex", 0, 180.0), ("abd", 2, 89.0), ("twist", 1, 180.0)):
-            direction = (float(axis == 0), float(axis == 1), float(axis == 2))
-            hinges.append((f"{name}_{limb}", upper, direction, -reach, reach))
-        hinges.append((f"elbow_{limb}", upper + 1, (1.0, 0.0, 0.0), 0.0, 160.0))
-    count = len(bones)
-    offset = np.zeros((count, 3))
-    offset[2:, 1] = LENGTH_M
-    names = ROOT_PARAMETERS + tuple(h[0] for h in hinges)
-    skeleton = Skeleton(
-        bone_names=tuple(bones),
-        parent=np.arange(-1, count - 1),
-        offset=offset,
-        rest_rotation=np.tile(np.eye(3), (count, 1, 1)),
-        length=np.full(count, LENGTH_M),
-        parameter_names=names,
-        hinge_bone=np.array([h[1] for h in hinges]),
-        hinge_axis=np.array([h[2] for h in hinges]),
-    )
-    interval = np.deg2rad([(h[3], h[4]) for h in hinges])
-    limits = Limits(
-        np.concatenate([np.tile((-np.inf, np.inf), (6, 1)), interval]),
-        np.empty((0, 2), dtype=int),
-        1.0,
-        1.0,
-    )
-    return replace(
-        load_model("body34"),
-        name="tentacle",
-        skeleton=skeleton,
-        transform=build_transform(names),
-        limits=limits,
-        rest=np.zeros(len(names)),
-        joint_names=(*bones[1:], "tip"),
-        joint_bone=np.array([*range(1, count), count - 1]),
-        joint_point=np.array([*[(0.0, 0.0, 0.0)] * (count - 1), (0.0, LENGTH_M, 0.0)]),
-    )
+    names = ["base", *(f"{part}_{limb}" for limb in range(LIMBS) for part in ("upper", "lower"))]
+    turns = {
+        "upper": {"flex": (_X, -180, 180), "abd": (_Z, -89, 89), "twist": (_Y, -180, 180)},
+        "lower": {"elbow": (_X, 0, 160)},
+    }
+    bones: list[dict[str, Any]] = []
+    for at, name in enumerate(names, start=-1):
+        part, _, limb = name.partition("_")
+        begin = 1e3 * LENGTH_M * max(at, 0)
+        bone = {"name": name, "group": "arm", "head": (0, begin, 0), "up": _Z}
+        bone["tail"] = (0, begin + 1e3 * LENGTH_M, 0)
+        bone |= {"parent": names[at]} if at >= 0 else {}
+        bone["freedoms"] = [
+            {"name": f"{turn}_{limb}", "axis": axis, "limits_deg": limits}
+            for turn, (axis, *limits) in turns.get(part, {}).items()
+        ]
+        bones.append(bone)
+    table = {
+        "name": "tentacle",
+        "length_mm": 1.0,
+        "bone": bones,
+        "joints": {name: (name, "head") for name in names[1:]} | {"tip": (names[-1], "tail")},
+        "ellipsoids": {},
+    }
+    return model_from_definition(json.dumps(table), "right", HandScale(), False, "tentacle")
 
 
 def leaves_one_by_one(
@@ -178,16 +160,13 @@ def _link(
         )
         pair = [_angle(a, z, d), _angle(b, v, z)]
         if all(low <= t <= high for t, (low, high) in zip(pair, interval, strict=True)):
-            turned = [_turn(a, pair[0], _turn(b, pair[1], e)) for e in _UNIT]
+            turned = [_turn(a, pair[0], _turn(b, pair[1], e)) for e in (_X, _Y, _Z)]
             new = [
                 [sum(frame[i][k] * turned[j][k] for k in range(3)) for j in range(3)]
                 for i in range(3)
             ]
             return pair, new, end
     return None
-
-
-_UNIT: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def _dot(a: Any, b: Any) -> float:

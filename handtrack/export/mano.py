@@ -10,6 +10,7 @@ import codecs
 import pickle
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -318,23 +319,13 @@ def _tree(path: Path) -> dict[str, Any]:
     return tree
 
 
-class _State:
-    """In the place of a chumpy array, whose numbers are in its state."""
-
-    def __init__(self, *_: Any) -> None:
-        self.state: Any = None
-
-    def __setstate__(self, state: Any) -> None:
-        self.state = state
-
-
 class _Arrays(pickle.Unpickler):
     """Reads arrays and sparse matrices, and nothing that could run."""
 
     def find_class(self, module: str, name: str) -> Any:
         root = module.split(".", maxsplit=1)[0]
         if root == "chumpy":
-            return _State
+            return SimpleNamespace  # whose numbers are in its state
         if (module, name) == ("_codecs", "encode"):  # how Python 3 writes bytes for Python 2
             return codecs.encode
         if root == "scipy" and name in ("csc_matrix", "csr_matrix"):
@@ -352,9 +343,8 @@ class _Arrays(pickle.Unpickler):
 
 def _dense(value: Any) -> Array[*Axes]:
     """Return an array of numbers from an array, a sparse matrix or a chumpy one."""
-    if isinstance(value, _State):
-        state = value.state
-        inner = state.get("x", state.get("a")) if isinstance(state, dict) else None
+    if isinstance(value, SimpleNamespace):
+        inner = getattr(value, "x", getattr(value, "a", None))
         if inner is None:
             raise HandtrackError(
                 "a MANO array of an unknown kind; save the model as .npz with NumPy."

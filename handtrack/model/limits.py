@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -70,15 +70,9 @@ class MovingLimits(NamedTuple):
     def frozen(self, where: Array[P], params: Floats[P]) -> MovingLimits:
         """Return these limits, but no room at all for some parameters: where `where` is True, at params."""
         kept, stay = ~where[self.param], np.flatnonzero(where)
-        nothing, here = np.zeros(len(stay)), np.stack([params[stay], params[stay]], axis=1)
-        return MovingLimits(
-            np.concatenate([self.param[kept], stay]),
-            np.concatenate([self.first[kept], here]),
-            np.concatenate([self.by[kept], np.full(len(stay), -1)]),
-            np.concatenate([self.begin[kept], nothing]),
-            np.concatenate([self.end[kept], nothing]),
-            np.concatenate([self.last[kept], here]),
-        )
+        here = MovingLimits.fixed(np.stack([params[stay], params[stay]], axis=1))
+        pairs: Any = zip(self, here._replace(param=stay), strict=True)
+        return MovingLimits(*(np.concatenate([own[kept], still]) for own, still in pairs))
 
 
 def moving_limits(limits: Limits, transform: ParameterTransform) -> MovingLimits:

@@ -26,10 +26,8 @@ from handtrack.capture.calibration.boards import (
 from handtrack.capture.calibration.bundle_adjustment import (
     LENS,
     Corners,
-    RigState,
-    _jacobian,
-    _moved,
-    _numbers,
+    free_numbers,
+    jacobian_of,
     residuals,
 )
 from handtrack.capture.calibration.rig_calibration import CalibrationSettings, calibrate_rig
@@ -214,18 +212,19 @@ def test_derivatives(rng):
     count = len(BOARD.points)
     camera, view = np.repeat(np.mgrid[:3, :4].reshape(2, -1), count, axis=1)
     corners = Corners(camera, view, np.tile(BOARD.points, (12, 1)), np.zeros((12 * count, 2)))
-    lens = [[430, 431, 240, 170, -0.2, 0.06, 1e-3, -5e-4, 0.02]] * 3
+    lens = [430, 431, 240, 170, -0.2, 0.06, 1e-3, -5e-4, 0.02] * 3
     turns, boards = rng.normal(size=(3, 6)) * 0.05, rng.normal(size=(4, 6)) * 0.1
-    state = RigState(np.array(lens), turns, boards + [0, 0, 0, 0, 0, 0.5])
-    numbers = _numbers(state)
-    free = np.ones(len(numbers), bool)
-    free[27:33] = False  # the first camera
+    state = np.concatenate([lens, *turns, *(boards + [0, 0, 0, 0, 0, 0.5])])
+    free = free_numbers(state, corners, np.ones((3, 9), bool))
+    assert np.flatnonzero(~free).tolist() == [*range(27, 33)]  # the first camera
 
     def projected(vector):
-        return -residuals(_moved(state, free, vector), corners).ravel()
+        moved = state.copy()
+        moved[free] = vector
+        return -residuals(moved, corners).ravel()
 
-    found = _jacobian(state, corners, free).toarray()
-    check_jacobian(projected, found, numbers[free], rtol=1e-8)
+    found = jacobian_of(state, corners, free).toarray()
+    check_jacobian(projected, found, state[free], rtol=1e-8)
 
 
 CHAINED = {"a": range(25), "b": range(40), "c": range(25, 40)}

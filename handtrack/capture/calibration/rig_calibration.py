@@ -21,8 +21,9 @@ from handtrack.capture.calibration.boards import Board
 from handtrack.capture.calibration.bundle_adjustment import (
     LENS,
     Corners,
-    RigState,
+    free_numbers,
     lens_uncertainty,
+    parts,
     refine,
     residuals,
     spread,
@@ -91,23 +92,26 @@ def calibrate_rig(
     lenses = np.array([lens for _, lens in fits])
     used, T_camera_world, boards, disagreement = place_cameras([c for c, _ in fits], board)
     corners, views = _assembled(board, used, T_camera_world, boards)
-    start = RigState(lenses, np.stack([*map(_pose_vector, T_camera_world)]), views)
+    poses = [_pose_vector(pose) for pose in T_camera_world]
+    start = np.concatenate([*lenses, *poses, *views])
     apart = [pair for pair, off in disagreement.items() if off > _APART]
-    free = np.ones((len(used), len(LENS)), dtype=bool)
-    free[:, 6:8] = settings.tangential
-    free[:, 8] = settings.k3
-    free[[camera.name in settings.known for camera in used]] = False
+    free_lens = np.ones((len(used), len(LENS)), dtype=bool)
+    free_lens[:, 6:8] = settings.tangential
+    free_lens[:, 8] = settings.k3
+    free_lens[[camera.name in settings.known for camera in used]] = False
     if apart:
-        free[:] = False  # lenses would bend to explain what is not theirs
+        free_lens[:] = False  # lenses would bend to explain what is not theirs
+    free = free_numbers(start, corners, free_lens)
     state, converged = refine(start, corners, free)
-    T_world_board = {f: _pose_matrix(p) for f, p in zip(sorted(boards), state.view)}
-    T_new_world = _new_world(settings.world, used, state, T_world_board)
-    rig = _rig(used, state, np.linalg.inv(T_new_world))
+    lens, camera, view = parts(state, corners)
+    T_world_board = {f: _pose_matrix(p) for f, p in zip(sorted(boards), view)}
+    T_new_world = _new_world(settings.world, used, camera, T_world_board)
+    rig = _rig(used, lens, camera, np.linalg.inv(T_new_world))
     T_world_board = {f: np.asarray(T_new_world @ p, float) for f, p in T_world_board.items()}
     lengths = [len(view.ids) for camera in used for view in camera.views]
     every = residuals(state, corners)
-    parts = iter(np.split(every, np.cumsum(lengths)[:-1]))
-    left = tuple(tuple(islice(parts, len(camera.views))) for camera in used)
+    pieces = iter(np.split(every, np.cumsum(lengths)[:-1]))
+    left = tuple(tuple(islice(pieces, len(camera.views))) for camera in used)
     lens_std, skew = lens_uncertainty(state, corners, free)
     reports = [
         camera_report(
@@ -115,7 +119,7 @@ def calibrate_rig(
             used[c],
             left[c],
             rms_alone_px=_rms(np.concatenate(_misses(board, *fit))),
-            lens=state.lens[c],
+            lens=lens[c],
             lens_std=lens_std[c],
             skew=skew[c],
         )
@@ -249,26 +253,31 @@ def _assembled(
     """Return all corners in one list, and where the boards are to begin with: first the shared views', by frame."""
     frames = {frame: i for i, frame in enumerate(sorted(T_world_board))}
     view_poses = [T_world_board[frame] for frame in frames]
-    parts: list[tuple[int, int, BoardView]] = []
+    seen: list[tuple[int, int, BoardView]] = []
     for c, camera in enumerate(cameras):
-        parts += [(c, frames[view.frame], view) for view in camera.shared]
+        seen += [(c, frames[view.frame], view) for view in camera.shared]
         world = np.linalg.inv(T_camera_world[c])
         for view, pose in zip(camera.alone, camera.poses[len(camera.shared) :], strict=True):
-            parts.append((c, len(view_poses), view))
+            seen.append((c, len(view_poses), view))
             view_poses.append(world @ pose)
-    count = [len(view.ids) for _, _, view in parts]
+    count = [len(view.ids) for _, _, view in seen]
     corners = Corners(
-        camera=np.repeat([c for c, _, _ in parts], count).astype(np.int64),
-        view=np.repeat([v for _, v, _ in parts], count).astype(np.int64),
-        board=np.concatenate([board.points[view.ids] for _, _, view in parts]),
-        pixels=np.concatenate([view.pixels for _, _, view in parts]),
+        camera=np.repeat([c for c, _, _ in seen], count).astype(np.int64),
+        view=np.repeat([v for _, v, _ in seen], count).astype(np.int64),
+        board=np.concatenate([board.points[view.ids] for _, _, view in seen]),
+        pixels=np.concatenate([view.pixels for _, _, view in seen]),
     )
     return corners, np.stack([_pose_vector(pose) for pose in view_poses])
 
 
-def _rig(cameras: Sequence[CameraViews], state: RigState, T_world_new: Floats) -> CameraRig:
+def _rig(
+    cameras: Sequence[CameraViews],
+    lenses: Floats[C, D9],
+    poses: Floats[C, D6],
+    T_world_new: Floats[D4, D4],
+) -> CameraRig:
     made = []
-    for seen, lens, pose in zip(cameras, state.lens, state.camera, strict=True):
+    for seen, lens, pose in zip(cameras, lenses, poses, strict=True):
         rotation, shift = np.hsplit((_pose_matrix(pose) @ T_world_new)[:3], [3])
         matrix = camera_matrix(*lens[:4])
         made.append(Camera(seen.name, seen.size, matrix, lens[4:], rotation, shift[:, 0]))
@@ -276,7 +285,10 @@ def _rig(cameras: Sequence[CameraViews], state: RigState, T_world_new: Floats) -
 
 
 def _new_world(
-    world: str, cameras: Sequence[CameraViews], state: RigState, T_world_board: dict[int, Floats]
+    world: str,
+    cameras: Sequence[CameraViews],
+    poses: Floats[C, D6],
+    T_world_board: dict[int, Floats],
 ) -> Floats:
     """Return T_new_world (4, 4). On a board z points out of the print: up, where it lies on a table."""
     kind, _, name = world.partition(":")
@@ -289,7 +301,7 @@ def _new_world(
             f"--world {world}: expected camera:NAME (of {', '.join(names)}) or board:FRAME, of the frames in "
             f"which the board was found those chosen ({', '.join(map(str, T_world_board))})."
         )
-    return _pose_matrix(state.camera[names.index(name) if name else 0])
+    return _pose_matrix(poses[names.index(name) if name else 0])
 
 
 def _warnings(board: Board, cameras: Sequence[CameraViews], converged: bool) -> Iterator[str]:

@@ -46,7 +46,7 @@ def open_device(
             "Name another one with --camera NAME=DEVICE."
         )
     if is_file:
-        return PlayedFile(capture, rate)
+        return Device(capture, rate)
     capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
     capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
     if fps is not None:
@@ -56,44 +56,35 @@ def open_device(
 
 
 class Device:
-    """Gives one image after the other; read by one thread."""
+    """Gives one image after the other; read by one thread. Those of a file come when they are due: its first one at once, and its
+    clock starts with the second.
+    """
 
-    def __init__(self, capture: cv2.VideoCapture) -> None:
-        self._capture = capture
-        self.fps = max(float(capture.get(cv2.CAP_PROP_FPS)), 0.0)
+    def __init__(self, capture: cv2.VideoCapture, rate: float | None = None) -> None:
+        """rate: how many times faster than its pace a file is played; None of what is no file."""
+        self._capture, self._is_file = capture, rate is not None
+        fps = max(float(capture.get(cv2.CAP_PROP_FPS)), 0.0)
+        self.fps = fps if rate is None else (fps or _USUAL_FPS) * rate
         """images a second, 0 where unknown"""
-
-    def read(self) -> Array[H, W, D3] | None:
-        """Wait for the next image uint8 BGR and return it; None where none comes."""
-        good, image = self._capture.read()
-        return image if good else None
-
-    def release(self) -> None:
-        """Give the device back; a read that waits may return."""
-        self._capture.release()
-
-
-class PlayedFile(Device):
-    """A video whose images come when they are due; its first one comes at once, and starts its clock with the second."""
-
-    def __init__(self, capture: cv2.VideoCapture, rate: float) -> None:
-        super().__init__(capture)
-        self.fps = (self.fps or _USUAL_FPS) * rate
         self._count, self._began = 0, 0.0
         self._released = threading.Event()
 
     def read(self) -> Array[H, W, D3] | None:
-        image = super().read()
+        """Wait for the next image uint8 BGR and return it; None where none comes."""
+        good, image = self._capture.read()
         if self._count == 1:
             self._began = time.monotonic()
-        if self._count > 1:
+        if self._is_file and self._count > 1:
             due = self._began + (self._count - 1) / self.fps
             self._released.wait(max(due - time.monotonic(), 0.0))
         self._count += 1
-        return None if self._released.is_set() else image
+        return image if good and not self._released.is_set() else None
 
     def release(self) -> None:
+        """Give the device back; a read that waits may return."""
         self._released.set()
+        if not self._is_file:
+            self._capture.release()
 
 
 _PATIENCE = 3  # reads in a row without an image: then the camera is gone

@@ -10,6 +10,7 @@ import numpy as np
 from handtrack.arrays import D2, D3, E, Floats, Ints, N, T, V, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
 
 _MM = 1e-3
@@ -18,27 +19,16 @@ _FROM_BONE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
 @array_dataclass
-class Superquadrics:
-    """Parts (|x/a|^(2/ε₂) + |y/b|^(2/ε₂))^(ε₂/ε₁) + |z/c|^(2/ε₁) = 1, then tapered, then bent; nine numbers each."""
+class Superquadrics(Ellipsoids):
+    """Parts (|x/a|^(2/ε₂) + |y/b|^(2/ε₂))^(ε₂/ε₁) + |z/c|^(2/ε₁) = 1, then tapered, then bent; nine numbers each. a, b and c are
+    their radii."""
 
-    name: tuple[str, ...]
-    bone: Ints[E]
-    """the bone each one sits on"""
-    centre: Floats[E, D3]
-    """in the bone's frame [m]"""
-    rotation: Floats[E, D3, D3]
-    """part axes → bone frame"""
-    radii: Floats[E, D3]
-    """a, b, c [m]"""
     exponents: Floats[E, D2]
     """ε₁ along, ε₂ across: 1 an ellipsoid, smaller a box, 2 a double cone"""
     taper: Floats[E, D2]
     """x and y are scaled by 1 + taper · z/c"""
     bend: Floats[E, D2]
     """turn of the axis from one end to the other, and towards where (from x to y) it bends [rad]"""
-
-    def __len__(self) -> int:
-        return len(self.bone)
 
     def mesh(self, around: int = 16, along: int = 12) -> PartMesh:
         """Return all parts as closed meshes on a grid of latitudes and longitudes.
@@ -104,7 +94,6 @@ def read_superquadrics(
     """Return the parts of a definition: lengths in mm along the bone's axes, times each bone's factor."""
     radii = np.array([row["radii"] for row in rows], dtype=float)
     parts = Superquadrics(
-        name=tuple(f"{row['bone']}_{i}" for i, row in enumerate(rows)),
         bone=np.array([bones.index(row["bone"]) for row in rows]),
         centre=np.array([row["centre"] for row in rows], dtype=float) * _size(rows, factor),
         rotation=rotation_matrix(np.deg2rad([row.get("rotation_deg", (0, 0, 0)) for row in rows]))
@@ -114,7 +103,7 @@ def read_superquadrics(
         taper=np.array([row.get("taper", (0, 0))[::-1] for row in rows], dtype=float),
         bend=np.deg2rad([row.get("bend_deg", (0, 0)) for row in rows]),
     )
-    _check(parts, where)
+    _check(parts, [f"{row['bone']}_{i}" for i, row in enumerate(rows)], where)
     return parts
 
 
@@ -122,7 +111,7 @@ def _size(rows: Sequence[dict[str, Any]], factor: dict[str, float]) -> Floats:
     return np.array([factor[row["bone"]] for row in rows])[:, None] * _MM
 
 
-def _check(parts: Superquadrics, where: str) -> None:
+def _check(parts: Superquadrics, names: Sequence[str], where: str) -> None:
     wide = np.hypot(parts.radii[:, 0], parts.radii[:, 1]) * (1 + np.abs(parts.taper).max(axis=1))
     rules = (
         ((parts.radii > 0).all(axis=1), "radii above 0"),
@@ -138,7 +127,7 @@ def _check(parts: Superquadrics, where: str) -> None:
     )
     for kept, expected in rules:
         if not np.all(kept):
-            name = parts.name[int(np.argmin(kept))]
+            name = names[int(np.argmin(kept))]
             raise HandtrackError(f"{where}, superquadric '{name}': expected {expected}.")
 
 
