@@ -48,9 +48,11 @@ from handtrack.session.session_file import (
 from handtrack.session.session_state import CameraCorrection, readable
 from handtrack.session.sources.cached_observations import (
     LEAST_KEPT,
-    CachedObservation,
+    Kept,
+    kept,
     most_clouds,
     most_observations,
+    whole,
 )
 from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
 from handtrack.session.sources.clouds import CloudSource, cloud_source
@@ -88,7 +90,10 @@ class Session:
         """point cloud files by frame."""
         self.cloud_filters = self._filters(self.settings.tracker.seed)
         """how the hand's points are told from the others, by [clouds]."""
-        self._clouds: CloudSource | None = cloud_source(file, self.cloud_files, self.views, rig)
+        self._clouds: CloudSource | None
+        self._measured: LRUCache[int, PointCloud | None]
+        self._observations: LRUCache[tuple[int, bool, bool], Kept]
+        self._measure_anew()
         self.truth: Truth | None = self._optional(TRUTH_FILE, read_truth)
         """ground truth, None without truth.npz."""
         self.init: FirstPose | None = self._optional(
@@ -98,8 +103,6 @@ class Session:
         self.check_init(self.known_frames)
         self.pins = SessionPins(folder, rig, has_file=self.live is None)
         """where a person pointed at joints and segments"""
-        self._observations = LRUCache[tuple[int, bool, bool], CachedObservation]()
-        self._measured = LRUCache[int, PointCloud | None]()
 
     @classmethod
     def open(cls, folder: Path | str) -> Session:
@@ -289,11 +292,15 @@ class Session:
         changed, known = copy(self), self.file.clouds
         changed.file = replace(self.file, clouds=clouds)
         if clouds is None or known is None or clouds.sources != known.sources:
-            changed._clouds = cloud_source(changed.file, self.cloud_files, self.views, self.rig)
-            changed._measured = LRUCache()
+            changed._measure_anew()
         changed.cloud_filters = changed._filters(seed)
         changed._observations = LRUCache()
         return changed
+
+    def _measure_anew(self) -> None:
+        """Read clouds and observations by what has changed, and nothing that was kept."""
+        self._clouds = cloud_source(self.file, self.cloud_files, self.views, self.rig)
+        self._measured, self._observations = LRUCache(), LRUCache()
 
     def with_masks(self, wanted: Mapping[str, MaskChoice]) -> Session:
         """Return this session with other masks of some cameras, by name; session.toml stays as it is, and images are shared.
@@ -306,8 +313,7 @@ class Session:
             for view in self.views
         )
         changed.file = replace(self.file, cameras=tuple(view.settings for view in changed.views))
-        changed._clouds = cloud_source(changed.file, self.cloud_files, changed.views, self.rig)
-        changed._measured, changed._observations = LRUCache(), LRUCache()
+        changed._measure_anew()
         return changed
 
     def with_cameras(self, corrections: Mapping[str, CameraCorrection]) -> Session:
@@ -338,9 +344,8 @@ class Session:
             for view in self.views
             for name in [view.name]
         )
-        changed._clouds = cloud_source(changed.file, self.cloud_files, changed.views, changed.rig)
+        changed._measure_anew()
         changed.pins = self.pins.with_cameras(changed.rig)
-        changed._measured, changed._observations = LRUCache(), LRUCache()
         changed.__dict__.pop("frame_count", None)
         return changed
 
@@ -432,11 +437,8 @@ class Session:
         """Return an observation without a crop, and keep it; of running cameras the latest, since frames count anew when they begin again."""
         key = (frame, silhouettes, cloud)
 
-        def make() -> CachedObservation:
-            return CachedObservation.of(self._observe(*key))
-
         most = most_observations if self.live is None else lambda _: LEAST_KEPT
-        return self._observations.value(key, make, most).whole
+        return whole(self._observations.value(key, lambda: kept(self._observe(*key)), most))
 
     def _observe(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
         if cloud:

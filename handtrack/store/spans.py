@@ -35,25 +35,10 @@ def with_span(spans: Sequence[Span], put: Span) -> tuple[Span, ...]:
     return tuple(joined)
 
 
-def beside_accepted(
-    spans: Sequence[Span], current: Sequence[Span], accepted: Sequence[Sequence[int]]
-) -> tuple[Span, ...]:
-    """Return spans that become current, except for accepted frames: what shows there stays.
-
-    Parameters
-    ----------
-    current
-        What shows now, each frame once.
-    accepted
-        Half-open pairs of frames.
-    """
-    laid = tuple(spans)
-    for first, stop in accepted:
-        for span in current:
-            kept = Span(span.take, max(span.first, first), min(span.stop, stop))
-            if kept.first < kept.stop:
-                laid = with_span(laid, kept)
-    return laid
+def clipped(spans: Sequence[Span], accepted: Sequence[Sequence[int]]) -> list[Span]:
+    """Return what spans show of accepted frames, half-open pairs: laid over others it stays."""
+    both = ((span, first, stop) for first, stop in accepted for span in spans)
+    return [Span(s.take, max(s.first, first), min(s.stop, stop)) for s, first, stop in both]
 
 
 def resolved(

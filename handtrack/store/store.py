@@ -21,7 +21,7 @@ from handtrack.errors import HandtrackError
 from handtrack.store.history import Action, Change, History, State, Value, apply
 from handtrack.store.lease import BEAT_S, Lease
 from handtrack.store.log import LogWriter, make_folders, read_log, segments, size_of
-from handtrack.store.spans import Span, beside_accepted, resolved, with_span
+from handtrack.store.spans import Span, clipped, resolved, with_span
 from handtrack.store.take import Take, TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 
@@ -88,9 +88,9 @@ class Store:
 
     def composed(self, spans: Sequence[Span]) -> tuple[Span, ...]:
         """Return what would show if spans were made current, each frame once: accepted frames stay as they are."""
-        shown = resolved(spans, self.frames_of)
         accepted = self.state().get(ACCEPTED) or ()
-        return beside_accepted(shown, self.current(), accepted) if accepted else shown
+        kept = clipped(self.current(), accepted) if accepted else ()
+        return resolved([*spans, *kept], self.frames_of)
 
     def track_of(self, spans: Sequence[Span]) -> TrackResult | None:
         """Return spans, each frame in one of them, as one track; None where there are no frames. It is labelled as its latest take is.

@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,8 +26,11 @@ FORMAT = 2
 """with the model's hierarchy; files of format 1 are without it, and open"""
 
 _LABELS = [entry for entry in fields(TrackResult) if entry.name not in COLUMNS]
-_HEADS = {name: known.columns[name] for name, known in result_fields(_LABELS).items()}
-"""what is the same for all frames"""
+_KNOWN = {
+    name: (known.columns[name].kind, known.columns[name].axes)
+    for name, known in result_fields(_LABELS).items()
+} | {name: (column.kind, ("F", *column.axes)) for name, column in COLUMNS.items()}
+"""kind and axes of every array: of labels, which are the same for all frames, and of columns"""
 _ALWAYS = [entry.name for entry in _LABELS if "None" not in str(entry.type)] + [
     name for known in FIELDS.values() if not known.is_optional for name in known.columns
 ]
@@ -90,18 +94,17 @@ def read_npz(path: Path | str) -> TrackResult:
             f"{path}: format {found.tolist()}; this version of handtrack reads formats 1 and {FORMAT}. "
             "Update handtrack, or track the session again."
         )
-    _check_shapes(path, arrays)
-    known = {name: _value(path, name, arrays[name]) for name in _known(arrays)}
-    track = TrackResult(**known)  # type: ignore[arg-type]
+    _check_complete(path, arrays)
+    values: dict[str, Any] = {**checked_arrays(path, arrays, _KNOWN)}
+    for name in values.keys() - COLUMNS.keys():
+        kind, axes = _KNOWN[name]
+        values[name] = tuple(map(kind, values[name])) if axes else kind(values[name])
+    track = TrackResult(**values)
     _check_rows(path, track)
     return track
 
 
-def _known(arrays: Mapping[str, Array]) -> list[str]:
-    return [name for name in (*_HEADS, *COLUMNS) if name in arrays]
-
-
-def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
+def _check_complete(path: Path, arrays: Mapping[str, Array]) -> None:
     missing = [name for name in _ALWAYS if name not in arrays]
     if missing:
         raise HandtrackError(
@@ -113,48 +116,42 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
             raise HandtrackError(
                 f"{path}: arrays are missing: {', '.join(lacking)}; expected all of {', '.join(group)}, or none."
             )
-    check_shapes(
-        path,
-        arrays,
-        {
-            name: ("F", *COLUMNS[name].axes) if name in COLUMNS else _HEADS[name].axes
-            for name in _known(arrays)
-        },
-    )
 
 
-def check_shapes(
-    path: Path, arrays: Mapping[str, Array], axes: Mapping[str, tuple[str | int, ...]]
-) -> None:
-    """Raise HandtrackError for an array whose shape is not as its axes say; equal letters are equal lengths."""
-    sizes: dict[str | int, int] = {}
-    for name, shape in axes.items():
-        have = arrays[name].shape
-        if len(have) == len(shape):
-            for letter, length in zip(shape, have, strict=True):
+def checked_arrays(
+    path: Path, arrays: Mapping[str, Array], known: Mapping[str, tuple[type, tuple[str | int, ...]]]
+) -> dict[str, Array]:
+    """Return those arrays that are known, of their kinds.
+
+    Parameters
+    ----------
+    known
+        By name the kind, float, int or str, and the axes: lengths, or letters, of which equal ones are equal lengths.
+
+    Raises
+    ------
+    HandtrackError
+        Where one has another shape, or holds something else.
+    """
+    sizes, found = dict[str | int, int](), dict[str, Array]()
+    for name, (kind, axes) in known.items():
+        if name not in arrays:
+            continue
+        array = arrays[name]
+        if array.ndim == len(axes):
+            for letter, length in zip(axes, array.shape, strict=True):
                 if isinstance(letter, str):
                     sizes.setdefault(letter, length)
-        expected = tuple(sizes.get(n, n) if isinstance(n, str) else n for n in shape)
-        if have != expected:
+        expected = tuple(sizes.get(n, n) for n in axes)
+        if array.shape != expected:
             raise HandtrackError(
-                f"{path}: {name} has the shape {have}; expected {expected}, as the other arrays have it."
+                f"{path}: {name} has the shape {array.shape}; expected {expected}, as the other arrays have it."
             )
-
-
-def _value(path: Path, name: str, array: Array) -> object:
-    kind = (_HEADS | COLUMNS)[name].kind
-    found = of_kind(path, name, array, kind)
-    if name in COLUMNS:
-        return found
-    return tuple(map(kind, found)) if found.ndim else kind(found)
-
-
-def of_kind(path: Path, name: str, array: Array, kind: type) -> Array:
-    """Return an array as one of float, int or str. Raises HandtrackError where it holds something else."""
-    kinds, what = _KINDS[kind]
-    if array.dtype.kind not in kinds:
-        raise HandtrackError(f"{path}: {name} holds {array.dtype}; expected {what}.")
-    return array if kind is str else array.astype(kind)
+        kinds, what = _KINDS[kind]
+        if array.dtype.kind not in kinds:
+            raise HandtrackError(f"{path}: {name} holds {array.dtype}; expected {what}.")
+        found[name] = array if kind is str else array.astype(kind)
+    return found
 
 
 def _check_rows(path: Path, track: TrackResult) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
 from handtrack.observation.truth import Truth
-from handtrack.session.formats.tables import check_shapes, of_kind, write_arrays
+from handtrack.session.formats.tables import checked_arrays, write_arrays
 
 _KNOWN: dict[str, tuple[type, tuple[str | int, ...]]] = {
     "keypoints21": (float, ("F", 21, 3)),
@@ -33,9 +33,7 @@ def read_truth(path: Path) -> Truth:
         raise HandtrackError(
             f"{path}: joint_positions without joint_names; expected a name for each of the joints."
         )
-    known = {name: entry for name, entry in _KNOWN.items() if name in given}
-    check_shapes(path, given, {name: axes for name, (_, axes) in known.items()})
-    arrays = {name: of_kind(path, name, given[name], kind) for name, (kind, _) in known.items()}
+    arrays = checked_arrays(path, given, _KNOWN)
     for name in points:
         if np.isinf(arrays[name]).any():
             row = int(np.flatnonzero(np.isinf(arrays[name]).any(axis=(1, 2)))[0])

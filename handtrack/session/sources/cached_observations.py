@@ -70,33 +70,28 @@ def most_clouds(cloud: PointCloud | None) -> int:
     return max(_POINTS_KEPT // size, 1)
 
 
-@array_dataclass
-class CachedObservation:
-    """An observation whose masks are cut to their hands: undistorting and weighing them takes longer than reading them did."""
-
-    others: Observation
-    """all of it but the silhouettes"""
-    silhouettes: tuple[tuple[Camera, CroppedMask, Ints[H, D2], float], ...]
-    """camera, mask, valid and off_px of each"""
-
-    @classmethod
-    def of(cls, seen: Observation) -> CachedObservation:
-        """Return an observation to keep."""
-        cut = [(s.camera, CroppedMask.of(s.mask), s.valid, s.off_px) for s in seen.silhouettes]
-        return cls(replace(seen, silhouettes=()), tuple(cut))
-
-    @property
-    def whole(self) -> Observation:
-        """The observation, its masks in memory of their own."""
-        silhouettes = (
-            Silhouette(camera, mask.whole, valid, off_px)
-            for camera, mask, valid, off_px in self.silhouettes
-        )
-        return replace(self.others, silhouettes=tuple(silhouettes))
+Kept = tuple[Observation, list[tuple[Camera, CroppedMask, Ints[H, D2], float]]]
+"""an observation but its silhouettes, and of each of these camera, mask, `valid` and `off_px`"""
 
 
-def most_observations(kept: CachedObservation) -> int:
+def kept(seen: Observation) -> Kept:
+    """Return an observation with masks cut to their hands: undistorting and weighing them takes longer than reading them did."""
+    cut = [(s.camera, CroppedMask.of(s.mask), s.valid, s.off_px) for s in seen.silhouettes]
+    return replace(seen, silhouettes=()), cut
+
+
+def whole(seen: Kept) -> Observation:
+    """Return an observation that was kept, its masks in memory of their own."""
+    others, cut = seen
+    silhouettes = (
+        Silhouette(camera, mask.whole, valid, off_px) for camera, mask, valid, off_px in cut
+    )
+    return replace(others, silhouettes=tuple(silhouettes))
+
+
+def most_observations(seen: Kept) -> int:
     """Return how many observations like one are kept."""
-    cloud = 0 if kept.others.cloud is None else kept.others.cloud.points.nbytes
-    size = cloud + sum(mask.nbytes for _, mask, *_ in kept.silhouettes)
+    others, cut = seen
+    cloud = 0 if others.cloud is None else others.cloud.points.nbytes
+    size = cloud + sum(mask.nbytes for _, mask, *_ in cut)
     return max(_BYTES_KEPT // max(size, 1000), LEAST_KEPT)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import replace
 from functools import cache, cached_property, partial
@@ -53,6 +53,7 @@ MaskChoice = tuple[str | MaskMethod | None, Roi | None]
 """files, a method or none, and a region of interest"""
 _Masks = Callable[[Array[H, W, *Axes], int], Bytes[H, W] | None]
 """an image, or depth, and the camera's own frame → the mask; None where the hand is not expected anywhere"""
+_KINDS = {"images": COLOUR, "masks": MASK, "depth": DEPTH}
 _BYTES_KEPT = 100_000_000  # of one camera: the usual 25 images of up to 4 MB
 _BRIDGED = 3
 """frames without joints up to so many before or behind one with them: a tenth of a second at usual rates"""
@@ -102,7 +103,7 @@ class View:
         self._learning = threading.Lock()
         self._check_roi()
         self._lens, self._view = self._lens_and_view()
-        recorded = self._source(folder, settings.images, COLOUR)
+        recorded = self._source("images")
         self.images = recorded if live is None else live
         self._taught_by = None if recorded is None else recording_of(recorded)
         self._said_unknown = settings.mask_unknown
@@ -111,8 +112,8 @@ class View:
         self._lessons: dict[str, LRUCache[int, Array | None]] | None = None
         """what methods learned from, images or depth, where several are tried"""
         self.mask_files = self._mask_files()
-        self.depth = self._source(folder, settings.depth, DEPTH)
-        self.keypoint_files = self._keypoint_files(folder)
+        self.depth = self._source("depth")
+        self.keypoint_files = self._keypoint_files()
         for source in self.sources:
             source.size  # noqa: B018  reads one image, which checks its size
 
@@ -144,7 +145,7 @@ class View:
             None if source is None else changed._by_time(recording_of(source))
             for source in (self.images, self.mask_files, self.depth)
         )
-        changed.keypoint_files = changed._keypoint_files(self._folder)
+        changed.keypoint_files = changed._keypoint_files()
         return changed
 
     @property
@@ -168,12 +169,12 @@ class View:
     @property
     def frame_count(self) -> int:
         """One more than the last frame of any source."""
-        return max([self._joint_count, *(len(source.frames) for source in self.sources)])
+        return self._count(source.frames for source in self.sources)
 
     @property
     def known_count(self) -> int:
         """The same as far as is known without decoding videos."""
-        return max([self._joint_count, *(len(source.known_frames) for source in self.sources)])
+        return self._count(source.known_frames for source in self.sources)
 
     @property
     def warnings(self) -> list[str]:
@@ -264,12 +265,10 @@ class View:
         files = self.keypoint_files
         return () if files is None or own is None else files.read(own, sigma_px)
 
-    @property
-    def _joint_count(self) -> int:
-        if self.keypoint_files is None:
-            return 0
-        own = self.keypoint_files.frames
-        return len(own if self.times is None else self.times.frames(own))
+    def _count(self, frames: Iterable[range]) -> int:
+        joints = range(0) if self.keypoint_files is None else self.keypoint_files.frames
+        joints = joints if self.times is None else self.times.frames(joints)
+        return max(map(len, (joints, *frames)))
 
     def _read(self, source: FrameSource, frame: int) -> Array | None:
         try:
@@ -278,8 +277,7 @@ class View:
             raise not_enough_memory(f"Frame {frame} of camera '{self.name}'", error) from None
 
     def _mask_files(self) -> FrameSource | None:
-        masks = self.settings.masks if isinstance(self.settings.masks, str) else None
-        return self._source(self._folder, masks, MASK)
+        return self._source("masks")
 
     @property
     def _segmented_source(self) -> FrameSource | None:
@@ -359,17 +357,19 @@ class View:
                 f"{self.camera.size[0]} x {self.camera.size[1]}; expected [x, y, w, h] inside it."
             )
 
-    def _keypoint_files(self, folder: Path) -> KeypointFiles | None:
+    def _keypoint_files(self) -> KeypointFiles | None:
         pattern, layout = self.settings.keypoints, self.settings.keypoint_layout
         if pattern is None:
             return None
         where = f"{self._where}, keypoints"
-        return KeypointFiles(folder, pattern, layout or "body_25", self.camera, where)
+        return KeypointFiles(self._folder, pattern, layout or "body_25", self.camera, where)
 
-    def _source(self, folder: Path, setting: str | None, kind: str) -> FrameSource | None:
-        if setting is None:
+    def _source(self, key: str) -> FrameSource | None:
+        """Return what a setting names files of: images, masks or depth; None where it names none."""
+        setting = getattr(self.settings, key)
+        if not isinstance(setting, str):
             return None
-        source = self._recording(folder, setting, kind)
+        source = self._recording(key, setting)
         if self._lens is not None:
             source = _straightened(source, self._lens, self._view)
         return self._by_time(source)
@@ -377,9 +377,8 @@ class View:
     def _by_time(self, source: FrameSource) -> FrameSource:
         return source if self.times is None else JoinedByTime(source, self.times)
 
-    def _recording(self, folder: Path, setting: str, kind: str) -> FrameSource:
-        key = {COLOUR: "images", MASK: "masks", DEPTH: "depth"}[kind]
-        where = f"{self._where}, {key}"
+    def _recording(self, key: str, setting: str) -> FrameSource:
+        folder, where = self._folder, f"{self._where}, {key}"
         if is_pattern(setting) or Path(setting).suffix.lower() in IMAGE_SUFFIXES:
             files = matching_files(folder, setting, where)
             if not any(path.suffix.lower() in IMAGE_SUFFIXES for path in files):
@@ -387,9 +386,9 @@ class View:
                     f'{where}: "{setting}" matches {files[0].name}, which is no image; expected one of '
                     f"{', '.join(IMAGE_SUFFIXES)}. A video is named without *, ? or [."
                 )
-            return self._files(files, kind, str(folder / setting))
+            return self._files(files, key, str(folder / setting))
         path = inside(folder, setting, where)
-        if path.is_dir() or kind != COLOUR:
+        if path.is_dir() or key != "images":
             matching_files(folder, setting, where)  # says what is wrong with it
             raise HandtrackError(
                 f'{where}: "{setting}" is no image file; expected a pattern such as "{key}/*.png".'
@@ -402,10 +401,10 @@ class View:
             )
         return VideoFile(path, self._taken_size, f"{where}, {path}", read_audit(folder, path))
 
-    def _files(self, files: list[Path], kind: str, where: str) -> FrameSource:
+    def _files(self, files: list[Path], key: str, where: str) -> FrameSource:
         pattern = self.settings.bayer
-        if kind != COLOUR or pattern is None:
-            return ImageFiles(files, kind, self._taken_size, where)
+        if key != "images" or pattern is None:
+            return ImageFiles(files, _KINDS[key], self._taken_size, where)
         level, method = self.settings.white_level, self.settings.demosaic
         return MosaicFiles(files, pattern.upper(), level, method, self._taken_size, where)
 

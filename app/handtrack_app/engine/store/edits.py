@@ -22,7 +22,7 @@ from handtrack.session.session_state import (
     in_turn,
     marking,
 )
-from handtrack.store.spans import Span, beside_accepted, resolved
+from handtrack.store.spans import Span, clipped, resolved
 from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine.document import Document
 
@@ -45,8 +45,8 @@ def restored(document: Document, number: int) -> Edit:
     if take is None or not len(take):
         raise HandtrackError(f"Take {number} has no frames that could be shown.")
     shown = resolved(state.spans, frames_of)
-    laid = resolved([Span(number, min(take), max(take) + 1)], frames_of)
-    spans = beside_accepted(laid, shown, state.accepted)
+    laid = [Span(number, min(take), max(take) + 1), *clipped(shown, state.accepted)]
+    spans = resolved(laid, frames_of)
     return in_turn(model_of_take(document, number), decide(spans=spans))
 
 
