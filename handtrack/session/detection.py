@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import glob
-from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.layout import KEYPOINTS_FOLDER, SESSION_FILE, inside
 from handtrack.session.session import Session
+from handtrack.session.session_file import CameraSettings
 from handtrack.session.sources.views import View
 
 LAYOUT = "mediapipe21"
@@ -31,18 +32,18 @@ _WRITER = "handtrack detect"
 _SAMPLED = 12  # frames of each camera that are asked for the side
 
 
-@dataclass(frozen=True)
+@dataclass
 class CameraDetection:
     """What was found in one camera's images."""
 
     camera: str
-    images: int
+    images: int = 0
     """how many were looked at"""
-    found: int
+    found: int = 0
     """in how many of them the session's hand was found"""
-    other_side: int
+    other_side: int = 0
     """in how many all hands were rather of the other side"""
-    unfit: int
+    unfit: int = 0
     """in how many a hand was seen that does not lie where the other cameras see the session's"""
 
 
@@ -120,12 +121,11 @@ class JointDetection:
                 f"{session.folder / SESSION_FILE}: the model is {model.name}, but the detector finds hands."
             )
         self.session = session
-        self.views = _views(session, cameras)
-        self._followers = {view.name: HandFollower(detector) for view in self.views}
+        self.views = {view.name: view for view in _views(session, cameras)}
+        self._followers = {name: HandFollower(detector) for name in self.views}
         self._detections: dict[int, dict[str, dict[int, DetectedHand]]] = {}
-        self._own: dict[str, dict[int, int]] = {view.name: {} for view in self.views}
-        for view in self.views:
-            name = f"{KEYPOINTS_FOLDER}/{view.name}"
+        for camera in self.views:
+            name = f"{KEYPOINTS_FOLDER}/{camera}"
             folder = inside(session.folder, name, str(session.folder))
             for path in sorted(folder.glob("*")):
                 if written_by(path) != _WRITER:
@@ -137,46 +137,42 @@ class JointDetection:
     def step(self, frame: int) -> None:
         """Look for hands in all images of a frame."""
         self._detections[frame] = {}
-        for view in self.views:
-            own = view.own_frame(frame)
-            image = None if own is None else view.image(frame)
-            hands = self._followers[view.name].step(image)
-            if image is not None and own is not None:
-                self._detections[frame][view.name] = hands
-                self._own[view.name][frame] = own
+        for name, view in self.views.items():
+            image = view.image(frame)
+            hands = self._followers[name].step(image)
+            if image is not None:
+                self._detections[frame][name] = hands
 
     def write(self) -> list[CameraDetection]:
         """Write a file for every image that was looked at, with the session's hand or none; return what was found."""
         side = self.session.file.hand.side
         sides = self._sides(side)
-        tallies = {view.name: Counter[str]() for view in self.views}
-        for frame, views in self._detections.items():
+        found = {name: CameraDetection(name) for name in self.views}
+        for frame, detections in self._detections.items():
             seen = {
-                view.name: [
-                    HandObservation(view.camera, hand, sides[view.name, number])
-                    for number, hand in views[view.name].items()
+                name: [
+                    HandObservation(self.views[name].camera, hand, sides[name, number])
+                    for number, hand in hands.items()
                 ]
-                for view in self.views
-                if view.name in views
+                for name, hands in detections.items()
             }
             ours = our_hands(seen)
-            for view in self.views:
-                if view.name in seen:
-                    mine = ours.get(view.name)
-                    hands = seen[view.name]
-                    tallies[view.name]["images"] += 1
-                    tallies[view.name]["found"] += mine is not None
-                    if mine is None and hands:
-                        fits = any(hand.log_odds > 0 for hand in hands)
-                        tallies[view.name]["unfit" if fits else "other side"] += 1
-                    path = joint_file(self.session.folder, view.name, self._own[view.name][frame])
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    points = None if mine is None else _with_confidence(mine.hand, view)
-                    write_points(path, points, LAYOUTS[f"hand_{side}"], _WRITER)
-        return [
-            CameraDetection(name, n["images"], n["found"], n["other side"], n["unfit"])
-            for name, n in tallies.items()
-        ]
+            for name, hands in seen.items():
+                view, mine, row = self.views[name], ours.get(name), found[name]
+                row.images += 1
+                if mine is not None:
+                    row.found += 1
+                elif any(hand.log_odds > 0 for hand in hands):
+                    row.unfit += 1
+                else:
+                    row.other_side += bool(hands)
+                own = view.own_frame(frame)
+                assert own is not None, "it has an image"
+                path = joint_file(self.session.folder, name, own)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                points = None if mine is None else _with_confidence(mine.hand, view)
+                write_points(path, points, LAYOUTS[f"hand_{side}"], _WRITER)
+        return list(found.values())
 
     def _sides(self, side: str) -> dict[tuple[str, int], float]:
         """Return the log-odds of our side of each hand of each camera, by its number: the mean while it was followed."""
@@ -198,35 +194,34 @@ def joint_file(folder: Path, camera: str, own_frame: int) -> Path:
     return folder / KEYPOINTS_FOLDER / camera / f"{own_frame:06d}.json"
 
 
-def session_changes(session: Session, cameras: Sequence[str]) -> dict[str, str]:
-    """Return what session.toml lacks for these cameras' joints to be used, by dotted names; nothing of those that have joints
-    of others already.
-    """
-    changes: dict[str, str] = {}
-    for number, camera in enumerate(session.file.cameras):
-        pattern = joint_pattern(camera.name)
-        if camera.name not in cameras or camera.keypoints not in (None, pattern):
-            continue
-        if camera.keypoints is None:
-            changes[f"camera.{number}.keypoints"] = pattern
-        if camera.keypoint_layout != LAYOUT:
-            changes[f"camera.{number}.keypoint_layout"] = LAYOUT
-    return changes
+def camera_changes(
+    session: Session, cameras: Iterable[str], wanted: Callable[[CameraSettings], Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return what session.toml is to say of these cameras, by dotted names. wanted: of one camera."""
+    return {
+        f"camera.{number}.{key}": value
+        for number, camera in enumerate(session.file.cameras)
+        if camera.name in cameras
+        for key, value in wanted(camera).items()
+    }
 
 
-def mask_changes(session: Session, cameras: Sequence[str]) -> dict[str, Any]:
-    """Return what session.toml lacks for masks of these cameras to be made by their joints, by dotted names; nothing of those
-    that have files of masks.
-    """
-    changes: dict[str, Any] = {}
-    for number, camera in enumerate(session.file.cameras):
-        masks = camera.masks
-        if camera.name not in cameras or isinstance(masks, str | Seeded):
-            continue
-        at, table = f"camera.{number}.masks", {"method": Seeded.name}
-        left = {} if masks is None else mask_method_table(masks).keys() - table.keys()
-        changes |= {f"{at}.{key}": None for key in sorted(left)} | {at: table}
-    return changes
+def keypoint_settings(camera: CameraSettings) -> dict[str, str]:
+    """Return what a camera's settings lack for the joints that were written to be used; nothing of one that has joints of others."""
+    pattern = joint_pattern(camera.name)
+    if camera.keypoints not in (None, pattern):
+        return {}
+    given = {"keypoints": pattern, "keypoint_layout": LAYOUT}
+    return {key: value for key, value in given.items() if getattr(camera, key) != value}
+
+
+def mask_settings(camera: CameraSettings) -> dict[str, Any]:
+    """Return what a camera's settings lack for masks to be made by its joints; nothing of one that has files of masks."""
+    masks, table = camera.masks, {"method": Seeded.name}
+    if isinstance(masks, str | Seeded):
+        return {}
+    left = {} if masks is None else mask_method_table(masks).keys() - table.keys()
+    return {f"masks.{key}": None for key in sorted(left)} | {"masks": table}
 
 
 def other_joints(session: Session, camera: str) -> str | None:

@@ -22,8 +22,10 @@ from handtrack.geometry.lens import remap_source
 from handtrack.model.ellipsoids import model_mask
 from handtrack.observation.agreement import outline_errors_px
 from handtrack.observation.observation import Silhouette, undistort_silhouette
+from handtrack.session.detection import camera_changes
 from handtrack.session.layout import MASKS_FOLDER, SESSION_FILE, inside
 from handtrack.session.session import Session
+from handtrack.session.session_file import CameraSettings
 from handtrack.session.sources.views import View
 from handtrack.tracking.frame.result import Status, TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
@@ -165,13 +167,12 @@ class MaskRefinement:
 
     def changes(self) -> dict[str, object]:
         """Return what session.toml is to say for these masks to be used, by dotted names."""
-        named = {view.name for view in self.views}
-        found: dict[str, object] = {}
-        for number, camera in enumerate(self.session.file.cameras):
-            if camera.name in named:
-                found[f"camera.{number}.masks"] = f"{MASKS_FOLDER}/{glob.escape(camera.name)}/*.png"
-                found[f"camera.{number}.mask_unknown"] = UNKNOWN_LEVEL
-        return found
+
+        def wanted(camera: CameraSettings) -> dict[str, object]:
+            pattern = f"{MASKS_FOLDER}/{glob.escape(camera.name)}/*.png"
+            return {"masks": pattern, "mask_unknown": UNKNOWN_LEVEL}
+
+        return camera_changes(self.session, [view.name for view in self.views], wanted)
 
     def _written(self, view: View, frame: int) -> Silhouette | None:
         mask = cv2.imread(str(self._folder(view) / f"{frame:06d}.png"), cv2.IMREAD_GRAYSCALE)

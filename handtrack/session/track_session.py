@@ -42,8 +42,6 @@ class TrackingRequest:
     """half of the frames between two such poses are tracked from each"""
     fit_size: bool = True
     """the size is fitted where session and settings ask for it (`TrackingRun.sizes_first`)"""
-    refine: bool = True
-    """all frames are optimised jointly once they are tracked, where the settings ask for it"""
     track_again: bool = True
     """frames are tracked again where they show another forearm than they were tracked with"""
     run: TrackingRun | None = None
@@ -394,7 +392,7 @@ class _Tracking(Observer):
                         return  # a video has not as many frames as it announces
                 if self._stops():
                     return
-            if self._recorded and request.refine and run.settings.refines:
+            if self._recorded and run.settings.refines:
                 yield self._refine(segments)
         except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
             self._interrupted = True

@@ -29,9 +29,10 @@ from handtrack.files.toml_edit import edit_toml
 from handtrack.session.detection import (
     CameraDetection,
     JointDetection,
-    mask_changes,
+    camera_changes,
+    keypoint_settings,
+    mask_settings,
     other_joints,
-    session_changes,
 )
 from handtrack.session.doctor.check_views import check_synchrony
 from handtrack.session.formats.tables import read_npz
@@ -74,9 +75,9 @@ def detect(options: Namespace) -> int:
         rows = detection.write()
     seconds = time.monotonic() - started
     where = [row.camera for row in rows if row.found]
-    changes: dict[str, Any] = {**session_changes(session, where)}
+    changes = camera_changes(session, where, keypoint_settings)
     often = [row.camera for row in rows if row.found >= _MOST * row.images]
-    masks = mask_changes(session, [name for name in often if name in where])
+    masks = camera_changes(session, [n for n in often if n in where], mask_settings)
     if options.masks:
         changes |= masks
     by = " Masks are made by them (method seeded)." if options.masks and masks else ""

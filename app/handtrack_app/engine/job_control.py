@@ -346,7 +346,7 @@ class JobControl:
         feed.begin_counting()
         first = feed.known.stop
         endless = range(first, first + _ENDLESS)
-        self._track(TrackingRequest(endless, first, document.shown, fit_size=False, refine=False))
+        self._track(TrackingRequest(endless, first, document.shown, fit_size=False))
 
     @Command(job=True, files=True)
     def fit_size(self) -> None:

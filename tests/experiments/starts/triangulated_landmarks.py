@@ -26,7 +26,7 @@ from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.files.toml_edit import edit_toml
 from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.articulated import keypoint_names
-from handtrack.session.detection import JointDetection, session_changes
+from handtrack.session.detection import JointDetection, camera_changes, keypoint_settings
 from handtrack.session.formats.truth import Truth
 from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
 from tests.experiments.silhouettes.four_cameras import tracked_alone
@@ -112,7 +112,8 @@ def detected_session(source: Path, folder: Path) -> tuple[Session, Truth]:
     for frame in session.frame_range:
         detection.step(frame)
     where = [row.camera for row in detection.write() if row.found]
-    edit_toml(folder / SESSION_FILE, session_changes(session, where), "a session's settings")
+    changes = camera_changes(session, where, keypoint_settings)
+    edit_toml(folder / SESSION_FILE, changes, "a session's settings")
     return Session.open(folder), truth
 
 
