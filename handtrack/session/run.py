@@ -13,7 +13,6 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats, P, S, evenly_spread
 from handtrack.capture.calibration.rig_file import rig_json
-from handtrack.capture.clouds.cloud_filters import HandDistance
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import (
     UNNAMED_LANDMARKS,
@@ -76,8 +75,6 @@ class TrackingRun:
     arm_m: float
     """how far from the wrist the model's forearm ends, as a cuff does [m of the mean adult's]; infinite where it goes on, 0 without one"""
     model: ArticulatedModel
-    prior_person: HandScale | None = None
-    """what a person's file says beforehand of a hand that is fitted"""
     is_sized: bool = False
     """whether `fit_size` found the person"""
     cameras: tuple[CameraError, ...] = ()
@@ -112,14 +109,71 @@ class TrackingRun:
         first = first or (session.init if use_init else None)
         if first is not None and first.pixels:
             first = FirstPose.of(poses_of_image_joints(session, settings, first)[0])
-        scale = _of_this_recording(session, settings, hand_scale(session, settings, first))
-        arm_m = _forearm(session, settings, scale, first)
-        model = _model(session, settings, scale, arm_m)
-        known = session.prior_person and _of_this_recording(session, settings, session.prior_person)
-        run = cls(session, first, settings, scale, arm_m, model, known)
+        run = cls.unfitted(session, settings, first)
+        run = run.with_scale(run._of_this_recording(run.given_scale))
+        run = run.with_forearm(run._arm_at_first())
         if run.sizes_first and settings.model.fit_size == "true" and first is not None:
             return run.fit_size(Control(should_stop) if should_stop else Control())
         return run
+
+    @classmethod
+    def unfitted(
+        cls, session: Session, settings: TrackerSettings, first: FirstPose | None = None
+    ) -> TrackingRun:
+        """Return the run for a mean adult without a forearm."""
+        mean = HandScale()
+        return cls(session, first, settings, mean, 0.0, _model(session, settings, mean, 0.0))
+
+    @property
+    def given_scale(self) -> HandScale:
+        """Whose hand or body it is, before anything is fitted but the points of the first pose. Raises HandtrackError."""
+        given, first = self.session.hand_scale, self.first
+        if isinstance(given, Path):
+            return read_scale(given)
+        if given != "fit":
+            return HandScale(float(given))
+        if (person := self.session.prior_person) is not None:
+            return person
+        if first is None or first.xyz is None:  # nothing to fit to: an adult's mean hand
+            return first.scale if first is not None and first.scale is not None else HandScale()
+        seen = _keypoints(first, self.settings)
+        return fit_scale(lambda scale: _whole(self.with_scale(scale).model), seen)
+
+    @property
+    def prior_person(self) -> HandScale | None:
+        """What a person's file says beforehand of a hand that is fitted."""
+        person = self.session.prior_person
+        return None if person is None else self._of_this_recording(person)
+
+    def _of_this_recording(self, scale: HandScale) -> HandScale:
+        """Return a person without what other recordings say of themselves: where an arm ended in their masks, and offsets that lead to
+        another detector's points.
+        """
+        scale = without_forearm_end(scale)
+        files = [v.keypoint_files for v in self.session.views if v.keypoint_files is not None]
+        if not files or self.settings.keypoints.weight == 0:
+            return scale
+        own = "+".join(sorted({one.landmark_definition for one in files}))
+        is_same = scale.landmark_definition in (own, UNNAMED_LANDMARKS)
+        if is_same:
+            return replace(scale, landmark_definition=own)
+        known = scale.covariance
+        if known is not None:  # of an offset it names its joint and an axis
+            known = known.only([name for name in known.names if " " not in name])
+        return replace(scale, offsets_mm={}, landmark_definition=own, covariance=known)
+
+    def _arm_at_first(self) -> float:
+        """Return how far from the wrist a forearm is modelled by what the first pose says and its frame shows, 0 for none."""
+        wanted, first = self._asked_forearm, self.first
+        if wanted != "auto":
+            return np.inf if wanted == "true" else 0.0
+        if first is None or self.model.kind == "body":
+            return 0.0
+        unseen = np.inf if any(name in _WRIST for name in first.parameters) else 0.0
+        armed = self.with_forearm(unseen)
+        frame, params = armed.initial()
+        found = forearm_in_view(armed.model, [(params, self.observed(frame))])
+        return unseen if found is None else found
 
     @property
     def size_is_open(self) -> bool:
@@ -211,8 +265,7 @@ class TrackingRun:
     def observation_of(self, result: FrameResult) -> Observation:
         """Return what was observed of a tracked frame; the cloud is cropped to its pose."""
         bones = self.model.bones(self.model.transform.solver_params(result.parameters))
-        near = hand_distance(self.model, bones)
-        return of_model(_observation(self.session, self.settings, result.frame, near), self.model)
+        return of_model(self.observed(result.frame, bones), self.model)
 
     def with_values(self, overrides: Mapping[str, Any]) -> TrackingRun:
         """Return the run with dotted settings replaced; the hand's size stays as it is."""
@@ -256,7 +309,7 @@ class TrackingRun:
         """
         if self.forearm or not self.leaves_forearm_open or self.model.kind == "body":
             return self
-        arm_m = forearm_in_view(self.model, [(params, self.uncropped_observation(frame))])
+        arm_m = forearm_in_view(self.model, [(params, self.observed(frame))])
         return self.with_forearm(arm_m) if arm_m else self
 
     @property
@@ -267,7 +320,13 @@ class TrackingRun:
     @property
     def leaves_forearm_open(self) -> bool:
         """Whether neither settings nor session.toml say if the model has a forearm."""
-        return _asked_forearm(self.session, self.settings) == "auto"
+        return self._asked_forearm == "auto"
+
+    @property
+    def _asked_forearm(self) -> str:
+        """Whether settings or session.toml ask for a forearm: `true`, `false`, or `auto`, which leaves it to the program."""
+        chosen = self.settings.model.forearm
+        return str(self.session.file.hand.forearm).lower() if chosen == "auto" else chosen
 
     def with_forearm(self, arm_m: float) -> TrackingRun:
         """Return the run whose model has another forearm; see `arm_m`."""
@@ -284,8 +343,8 @@ class TrackingRun:
 
     def whole_hands(self) -> list[ArticulatedModel]:
         """Return the hands with all joints that may be in view: without and with a forearm, if that is left open."""
-        chosen = _asked_forearm(self.session, self.settings)
-        arms = (False, True) if chosen == "auto" else (chosen == "true",)
+        asked = self._asked_forearm
+        arms = (False, True) if asked == "auto" else (asked == "true",)
         return [self._whole_hand(self.model.scale, arm) for arm in arms]
 
     def resized(self, model: ArticulatedModel, scale: HandScale) -> ArticulatedModel:
@@ -297,16 +356,29 @@ class TrackingRun:
             return _model(self.session, self.settings, scale, np.inf if arm else 0.0)
         return load_model("hand26", self.model.side, scale, forearm=arm)
 
-    def uncropped_observation(self, frame: int) -> Observation:
-        """Return what was observed of a frame anywhere, as far as the settings use it; nothing that was given."""
-        return _observation(self.session, self.settings, frame)
+    def observed(self, frame: int, bones: BonePoses | None = None) -> Observation:
+        """Return what was observed of a frame, as far as the settings use it; nothing that was given.
+
+        Parameters
+        ----------
+        bones
+            Where the hand is expected; the cloud is cropped to it.
+        """
+        settings, session = self.settings, self.session
+        near = None if bones is None else hand_distance(self.model, bones)
+        silhouettes, cloud = settings.silhouettes.weight > 0, settings.cloud.weight > 0
+        seen = session.observation(frame, silhouettes, cloud, near)
+        if settings.keypoints.weight > 0:
+            measured = None if settings.keypoints.sigma_px else joint_sigma_px(tuple(session.views))
+            sigma = measured or settings.keypoints.detected_px
+            points = tuple(p for view in session.views for p in view.keypoints(frame, sigma))
+            seen = replace(seen, keypoints=points) if points else seen
+        return replace(seen, images=session.images(frame)) if settings.uses_images else seen
 
     def fit_of(self, frame: int, params: Floats[P]) -> tuple[Reason | None, OutlineFit | None]:
         """Return why a frame is doubtful or lost at solver parameters, by itself, and how the pose fits its silhouettes."""
         bones = self.model.bones(params)
-        terms = frame_terms(
-            self.model, self.settings, self.uncropped_observation(frame), bones, None
-        )
+        terms = frame_terms(self.model, self.settings, self.observed(frame), bones, None)
         return assess(terms, bones, 0.0, ())[1], outline_fit(terms, bones)
 
     @property
@@ -330,16 +402,8 @@ class TrackingRun:
         return self.first.frame, _first_params(self.model, self.first, self.settings)
 
     def observation(self, frame: int, bones: BonePoses | None = None) -> Observation:
-        """Return what is known of a frame and counts by the settings: silhouettes (missing views
-        are absent), cloud, given keypoints.
-
-        Parameters
-        ----------
-        bones
-            Where the hand is expected; the cloud is cropped to it.
-        """
-        near = None if bones is None else hand_distance(self.model, bones)
-        seen = of_model(_observation(self.session, self.settings, frame, near), self.model)
+        """Return what was observed of a frame, see `observed`, of what the model has, and keypoints that were given for it."""
+        seen = of_model(self.observed(frame, bones), self.model)
         if self.first is None or self.first.frame != frame or self.first.xyz is None:
             return seen
         if not self.model.has_keypoints21:
@@ -406,24 +470,9 @@ def poses_of_image_joints(
     session: Session, settings: TrackerSettings, first: FirstPose
 ) -> list[PoseEstimate]:
     """Return the poses in space that a first pose with joints in images may mean, the surest first."""
-    whole = _whole(_model(session, settings, hand_scale(session, settings, None), 0.0))
-    return poses_from_images(
-        session, settings, whole, first, _observation(session, settings, first.frame)
-    )
-
-
-def _observation(
-    session: Session, settings: TrackerSettings, frame: int, near: HandDistance | None = None
-) -> Observation:
-    """Return what a session has of a frame, without what the settings' weights switch off."""
-    silhouettes, cloud = settings.silhouettes.weight > 0, settings.cloud.weight > 0
-    seen = session.observation(frame, silhouettes, cloud, near)
-    if settings.keypoints.weight > 0:
-        measured = None if settings.keypoints.sigma_px else joint_sigma_px(tuple(session.views))
-        sigma = measured or settings.keypoints.detected_px
-        points = tuple(p for view in session.views for p in view.keypoints(frame, sigma))
-        seen = replace(seen, keypoints=points) if points else seen
-    return replace(seen, images=session.images(frame)) if settings.uses_images else seen
+    run = TrackingRun.unfitted(session, settings)
+    whole = _whole(run.with_scale(run.given_scale).model)
+    return poses_from_images(session, settings, whole, first, run.observed(first.frame))
 
 
 def _model(
@@ -470,64 +519,6 @@ def _whole(model: ArticulatedModel) -> ArticulatedModel:
     if model.has_keypoints21:
         return model
     return load_model("hand26", model.side, model.scale, forearm=True)
-
-
-def hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | None) -> HandScale:
-    """Return whose hand or body it is, before anything is fitted but the points of a first pose. Raises HandtrackError."""
-    given = session.hand_scale
-    if isinstance(given, Path):
-        return read_scale(given)
-    if given != "fit":
-        return HandScale(float(given))
-    if (person := session.prior_person) is not None:
-        return person
-    if first is None or first.xyz is None:  # nothing to fit to: an adult's mean hand
-        return first.scale if first is not None and first.scale is not None else HandScale()
-    seen = _keypoints(first, settings)
-    return fit_scale(lambda scale: _whole(_model(session, settings, scale, False)), seen)
-
-
-def _asked_forearm(session: Session, settings: TrackerSettings) -> str:
-    """Return whether settings or session.toml ask for a forearm: `true`, `false`, or `auto`, which leaves it to the program."""
-    chosen = settings.model.forearm
-    return str(session.file.hand.forearm).lower() if chosen == "auto" else chosen
-
-
-def _of_this_recording(session: Session, settings: TrackerSettings, scale: HandScale) -> HandScale:
-    """Return a person without what other recordings say of themselves: where an arm ended in their masks, and offsets that lead to
-    another detector's points.
-    """
-    scale = without_forearm_end(scale)
-    files = [view.keypoint_files for view in session.views if view.keypoint_files is not None]
-    if not files or settings.keypoints.weight == 0:
-        return scale
-    own = "+".join(sorted({one.landmark_definition for one in files}))
-    is_same = scale.landmark_definition in (own, UNNAMED_LANDMARKS)
-    if is_same:
-        return replace(scale, landmark_definition=own)
-    known = scale.covariance
-    if known is not None:  # of an offset it names its joint and an axis
-        known = known.only([name for name in known.names if " " not in name])
-    return replace(scale, offsets_mm={}, landmark_definition=own, covariance=known)
-
-
-def _forearm(
-    session: Session, settings: TrackerSettings, scale: HandScale, first: FirstPose | None
-) -> float:
-    """Return how far from the wrist a forearm is modelled [m of the mean adult's], 0 for none."""
-    wanted = _asked_forearm(session, settings)
-    if wanted != "auto":
-        return np.inf if wanted == "true" else 0.0
-    if first is None:
-        return 0.0
-    given = any(name in _WRIST for name in first.parameters)
-    model = _model(session, settings, scale, np.inf if given else 0.0)
-    if model.kind == "body":
-        return 0.0
-    params = _first_params(model, first, settings)
-    found = forearm_in_view(model, [(params, _observation(session, settings, first.frame))])
-    unseen = np.inf if given else 0.0
-    return unseen if found is None else found
 
 
 class _Sizing(Observer):
@@ -582,7 +573,7 @@ def posed_by_joints(
     for frame in chosen.astype(int).tolist():
         if should_stop():
             return []
-        seen = run.uncropped_observation(frame)
+        seen = run.observed(frame)
         joints = seen.image_keypoints
         found = pose_in_space(run.settings, hand, frame, joints) if joints else None
         if found is not None:

@@ -20,4 +20,4 @@ def test_joints_are_as_exact_as_they_scatter_however_a_camera_is_turned(tmp_path
     assert found == pytest.approx(SIGMA_PX, rel=0.12)
     for asked, used in ((0.0, found), (2.0, 2.0)):  # a user's own counts
         run = TrackingRun.open(session, {"keypoints.sigma_px": asked, "model.fit_size": "false"})
-        assert set(run.uncropped_observation(0).image_keypoints[0].sigma_px) == {used}
+        assert set(run.observed(0).image_keypoints[0].sigma_px) == {used}

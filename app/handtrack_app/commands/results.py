@@ -159,7 +159,7 @@ def _overlap(session: Session, take: Take, frames: range | None) -> float | None
             return None
         return mean_overlap(
             run.model,
-            lambda frame: run.uncropped_observation(frame).silhouettes,
+            lambda frame: run.observed(frame).silhouettes,
             take.results(frames),
         )
     except (HandtrackError, ValueError, KeyError, TypeError) as error:

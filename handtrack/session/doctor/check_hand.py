@@ -17,7 +17,7 @@ from handtrack.session.doctor.check_views import Finding, error, note, ok, warni
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE
-from handtrack.session.run import hand_scale
+from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.side import wrong_side_warning
 from handtrack.session.sources.keypoint_files import NO_JOINTS
@@ -92,7 +92,7 @@ def check_model(session: Session) -> Iterator[Finding]:
 
 def _model(session: Session, pose: FirstPose | None = None) -> ArticulatedModel:
     """Return the hand. pose: with its size, where session.toml leaves that open."""
-    size = hand_scale(session, session.settings, pose)
+    size = TrackingRun.unfitted(session, session.settings, pose).given_scale
     return load_model(session.hand_model, session.file.hand.side, size, forearm=True)
 
 

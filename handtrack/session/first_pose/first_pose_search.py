@@ -133,7 +133,7 @@ def _candidate_observations(run: TrackingRun, frame: int | range | None) -> Iter
         return iter([look(frame)])
     order = spread_order(run.session.frame_range if frame is None else frame)[:_MOST_OPENED]
     opened, may_show = map(look, order), partial(_may_show_a_hand, run)
-    if not run.sees_joints and look == run.uncropped_observation:
+    if not run.sees_joints and look == run.observed:
         return islice(filter(may_show, opened), _MOST_TRIED)
     return islice(_those_with_joints_first(opened, may_show), _MOST_TRIED)
 
@@ -158,16 +158,16 @@ def _looking(run: TrackingRun) -> Callable[[int], Observation]:
     """Return what looks at a frame: with the detector's joints, where the session has none and the weights are there."""
     session = run.session
     if not isinstance(session, Session) or any(view.keypoint_files for view in session.views):
-        return run.uncropped_observation
+        return run.observed
     from handtrack.session.detection import joints_of_frame, usable_detector  # seldom
 
     detector = usable_detector(session)
     if detector is None:
-        return run.uncropped_observation
+        return run.observed
 
     def look(frame: int) -> Observation:
         joints = joints_of_frame(session, frame, detector, run.settings.keypoints.detected_px)
-        seen = run.uncropped_observation(frame)
+        seen = run.observed(frame)
         return replace(seen, keypoints=(*seen.keypoints, *joints))
 
     return look
@@ -184,7 +184,7 @@ def _of_size(row: PoseEstimate, usual: float) -> PoseEstimate:
 
 def no_pose_error(run: TrackingRun) -> HandtrackError:
     """Return what to tell the user where no frame shows a hand."""
-    seen = run.uncropped_observation(next(iter(spread_order(run.session.frame_range))))
+    seen = run.observed(next(iter(spread_order(run.session.frame_range))))
     filled = [s.camera.name for s in seen.silhouettes if s.fills_image]
     why = (
         f"In frame {seen.frame} more than half of the image is hand in the masks of {', '.join(filled)}: are they inverted? "

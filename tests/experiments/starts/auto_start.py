@@ -32,7 +32,7 @@ def searched(session: Session, frames: Sequence[int]) -> Iterator[tuple[float, f
     assert truth is not None and truth.keypoints21 is not None
     find_first_poses(run, frames[0])  # compiles
     for frame in frames:
-        run.uncropped_observation(frame)  # what is read and computed of a frame is kept
+        run.observed(frame)  # what is read and computed of a frame is kept
         begin = time.process_time()
         found = find_first_poses(run, frame)
         seconds = time.process_time() - begin
