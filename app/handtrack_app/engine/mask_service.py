@@ -30,7 +30,7 @@ from handtrack_app.engine.document import source_of, usual_values
 from handtrack_app.engine.document_snapshots import possible_masks
 from handtrack_app.engine.jobs import BackgroundJob
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
-from handtrack_app.engine.service import PreviewService
+from handtrack_app.engine.service import FramePictures, Service
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
@@ -155,7 +155,7 @@ def _as_taken(view: View, points: Sequence[Sequence[float]]) -> Floats[N, D2]:
 _MOST_CARRIED = 50  # frames each way; what is carried drifts
 
 
-class MaskService(PreviewService):
+class MaskService(Service, FramePictures):
     """Masks."""
 
     _on_all, _screens = False, tuple[str, ...]()
@@ -193,7 +193,7 @@ class MaskService(PreviewService):
     def _make(self) -> Callable[[], MaskPicture]:
         document = self.document
         return partial(
-            masks_picture, self.opened.pictures, document.session, document.frame, self._on_all, self._screens
+            masks_picture, self.opened.painter.maker, document.session, document.frame, self._on_all, self._screens
         )  # fmt: skip
 
     # ---- changing

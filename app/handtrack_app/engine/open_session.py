@@ -24,7 +24,7 @@ from handtrack_app.engine.jobs import BackgroundJob, JobEvent
 from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_observed
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures, Painter
+from handtrack_app.engine.pictures.camera_pictures import Painter
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.posing_service import LiveScore, PosingService
 from handtrack_app.engine.review_service import ReviewService
@@ -33,7 +33,7 @@ from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence, export_beside
 from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.process.child import EnginePlan
-from handtrack_app.protocol.calls import Call, Command, Mailbox, commands_of
+from handtrack_app.protocol.calls import Call, Command, commands_of
 from handtrack_app.protocol.snapshots import (
     Notice,
     PoseSnapshot,
@@ -59,13 +59,13 @@ class OpenSession:
         self,
         document: Document,
         publish: Callable[[Snapshot], None],
-        mail: Mailbox[Call | Callable[[], None]],
+        post: Callable[[Callable[[], None]], None],
         render_thread: RenderThread,
         recorder: LiveRecorder,
         compiles: CompileWatch,
         plan: EnginePlan,
     ) -> None:
-        """mail: what is to be served or done on the worker's thread, in its turn; painting gives way to it."""
+        """post: has something done on the worker's thread, in its turn."""
         self.document = document
         self._recorder = recorder
         self._unrecorded: list[int] = []
@@ -81,13 +81,12 @@ class OpenSession:
         is_live = document.session.live is not None
         self._live = LiveControl(document, publish) if is_live else None
         self.publish = publish
-        self.painter = Painter(document, publish, mail)
-        self.pictures = CameraPictures(document.session)
-        """for the render thread alone"""
-        self.render_thread, self.post = render_thread, mail.put
+        self.painter = Painter(document, publish, render_thread)
+        self.render_thread, self.post = render_thread, post
         self.jobs = JobControl(self, recorder.show, compiles, self._live)
         self._clouds, self._masks = CloudService(self), MaskService(self)
         self._tuning, self._review = TuningService(self), ReviewService(self)
+        self._pictures = (self.painter, self._clouds, self._masks)
         parts = (
             self,
             self.jobs,
@@ -372,20 +371,17 @@ class OpenSession:
         self.publish(Notice(level, title, text))
 
     def announce(self, snapshot: Snapshot) -> None:
-        """Publish; a pose shown makes the pictures stale."""
+        """Publish; of a pose that is shown, pictures are made."""
         self.publish(snapshot)
         if isinstance(snapshot, TimelineSnapshot) and self._review.names:
             self._review.publish_curves()
         if isinstance(snapshot, PoseSnapshot):
-            whole = snapshot.beside is not None
-            self.painter.is_stale, self.painter.hurried = not whole, self.jobs.busy
             self._score.since = time.monotonic()
             guesses = self.jobs.guesses.snapshot()
             if guesses is not None:
                 self.publish(guesses)
-            for shown in (self._clouds,) if whole else (self._clouds, self._masks):
-                if shown.is_wanted:
-                    shown.show(hurried=self.jobs.busy)
+            for shown in self._pictures if snapshot.beside is None else (self._clouds,):
+                shown.show(hurried=self.jobs.busy)
 
     def show_session(self) -> None:
         """Publish what is open."""
@@ -395,7 +391,7 @@ class OpenSession:
         """Publish the pose; of a frame that is played, with its pictures."""
         pose = pose_snapshot(self.document)
         if is_played:
-            made = self.painter.painted(), self._masks.picture()
+            made = self.painter.picture(), self._masks.picture()
             pose = replace(pose, beside=tuple(one for one in made if one is not None))
         self.announce(pose)
 
@@ -406,9 +402,7 @@ class OpenSession:
     @property
     def rest_s(self) -> float:
         """How long the worker may wait for a command before there is something to do."""
-        if self._live is not None and self._live.recording and not self.painter.is_stale:
-            return 0.0
-        return self.painter.rest_s
+        return 0.0 if self._live is not None and self._live.recording else 0.1
 
     def idle(self) -> None:
         """Do what waits while no command does."""
@@ -416,9 +410,9 @@ class OpenSession:
             self._watch_live(self._live)
         elif not self._counted and self.document.session.is_counted:
             self._take_count()
-        if self.painter.is_stale:
-            self.painter.paint()
-        elif self._score.is_due and not self.jobs.busy:
+        for shown in self._pictures:
+            shown.show_late(hurried=self.jobs.busy)
+        if self._score.is_due and not self.jobs.busy:
             self._score.report()
         elif self._unrecorded and not self._recorder.is_behind:
             frame = self._unrecorded.pop()

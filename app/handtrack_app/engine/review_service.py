@@ -81,7 +81,7 @@ class ReviewService(Service):
         self.opened.render_thread.ask(
             "close",
             partial(
-                close_pictures, self.opened.pictures, document.session, document.model, results
+                close_pictures, self.opened.painter.maker, document.session, document.model, results
             ),
         )
 

@@ -30,13 +30,12 @@ class Service:
         self.opened.change(lambda: self.store.do(words, edit(), tag, is_stroke=is_stroke))
 
 
-_HURRIED_S = 0.6  # while tracking runs, previews are shown at most this often
+class FramePictures(ABC):
+    """Pictures of the frame shown that the page wants, made on the render thread."""
 
-
-class PreviewService(Service, ABC):
-    """Pictures on request, and settings whose change the frame shown follows; what takes time is made on the render thread or by a job."""
-
-    _shown_at = 0.0
+    hurried_s = 0.6
+    """while tracking runs, they are shown at most this often"""
+    _shown_at, _waits = 0.0, False
 
     @property
     @abstractmethod
@@ -50,9 +49,15 @@ class PreviewService(Service, ABC):
     def show(self, hurried: bool = False) -> None:
         """Have made what the page wants of the frame shown. hurried: tracking runs, which comes first."""
         now = time.monotonic()
-        if self.is_wanted and not (hurried and now - self._shown_at < _HURRIED_S):
+        self._waits = hurried and now - self._shown_at < self.hurried_s
+        if self.is_wanted and not self._waits:
             self._shown_at = now
             self._show(hurried)
+
+    def show_late(self, hurried: bool) -> None:
+        """Have made what was to wait; called now and then."""
+        if self._waits:
+            self.show(hurried)
 
 
 # ---- A thread beside the worker: makes what is only shown (clouds, surfaces, pictures of them), or fits a frame anew

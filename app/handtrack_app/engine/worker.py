@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sized
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -31,11 +31,10 @@ class Preview:
     """Lives on the worker's thread. Calls besides these wait until the session is open."""
 
     def __init__(
-        self, document: Document, publish: Callable[[Snapshot], None], waiting: Sized
+        self, document: Document, publish: Callable[[Snapshot], None], thread: RenderThread
     ) -> None:
-        self.document = document
-        self.painter = Painter(document, publish, waiting)
-        self._publish = publish
+        self.document, self._publish = document, publish
+        self._painter = Painter(document, publish, thread)
         publish(session_snapshot(document))
         publish(timeline_snapshot(document))
 
@@ -44,7 +43,7 @@ class Preview:
         """Show a frame."""
         self.document.show(frame)
         self._publish(pose_snapshot(self.document))
-        self.painter.is_stale = True
+        self._painter.show()
 
     @Command()
     def set_pose(self, frame: int, values: tuple[float, ...], version: int, **_: object) -> None:
@@ -58,17 +57,7 @@ class Preview:
         self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...] = ()
     ) -> None:
         """Show these pictures; see OpenSession."""
-        self.painter.want(thumbnails, paint, screens)
-
-    @property
-    def rest_s(self) -> float:
-        """How long the worker may wait for a call before there is something to do."""
-        return self.painter.rest_s
-
-    def idle(self) -> None:
-        """Do what waits while no call does."""
-        if self.painter.is_stale:
-            self.painter.paint()
+        self._painter.want(thumbnails, paint, screens)
 
 
 Opener = Callable[[Path], Document]
@@ -127,18 +116,15 @@ class Worker:
         self._publish(ProgressSnapshot("opening", f"Opening {self._plan.folder.name} …"))
         threading.Thread(target=self._open, name="opening", daemon=True).start()
         while not self._stopping.is_set():
-            current = self.session or self._preview
-            item = self._mail.take(0.1 if current is None else current.rest_s)
+            item = self._mail.take(0.1 if self.session is None else self.session.rest_s)
             if isinstance(item, Call):
                 self._guarded(partial(self._serve, item))
             elif item is not None:
                 self._guarded(item)
-            elif current is not None:
-                self._guarded(current.idle)
+            elif self.session is not None:
+                self._guarded(self.session.idle)
             if self.session is not None:
                 self._guarded(self.session.write_what_rests)
-            elif self._preview is not None and not self._preview.painter.is_stale:
-                self._set_shown()
         session = self.session
         if session is not None:
             self._guarded(lambda: self.last_words.extend(session.close()))
@@ -184,9 +170,11 @@ class Worker:
             self._later.append(call)
 
     def _look_at(self, document: Document) -> None:
-        self._preview = Preview(document, self._publish, self._mail)
+        self._preview = Preview(document, self._publish, self._render_thread)
         self._preview.show_frame(document.first_frame)
         self._publish(ProgressSnapshot("opening", _PREPARING))
+        self._render_thread.wait_for("first pictures", lambda: None)  # which are made before
+        self._set_shown()
 
     def _set_shown(self) -> None:
         if not self._shown.is_set():
@@ -200,7 +188,7 @@ class Worker:
                 raise document
             document.version = self._plan.version
             session = OpenSession(
-                document, self._publish, self._mail, self._render_thread, self._recorder, self._compiles, self._plan
+                document, self._publish, self._mail.put, self._render_thread, self._recorder, self._compiles, self._plan
             )  # fmt: skip
         except Exception as error:
             self._failure = error

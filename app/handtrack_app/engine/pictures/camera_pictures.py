@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence, Sized
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -25,8 +24,10 @@ from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.parallel import LRUCache
+from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.service import FramePictures, RenderThread
 from handtrack_app.protocol.palette import FILTERS, KEPT, REJECTS
 from handtrack_app.protocol.snapshots import PictureSnapshot, Snapshot
 
@@ -303,99 +304,77 @@ def _coloured(values: Array) -> Bytes:
     return picture
 
 
-# ---- Paints what the page wants to see of the cameras at the frame shown, once no command waits
+# ---- What the page wants to see of the cameras at the frame shown
 
 
-_PAINT_EVERY_S = 0.08  # at most this often: the hand itself comes first
-_HURRIED_PAINT_S = (
-    0.25  # and while tracking runs, which a picture takes its time from (`bench as_if_live`)
-)
+class Painter(FramePictures):
+    """The cameras' images with the model painted over them."""
 
-
-class Painter:
-    """Lives on the worker's thread."""
+    hurried_s = 0.25  # a picture takes its time from tracking (`bench as_if_live`)
+    _thumbnails, _paint, _screens = True, "plain", tuple[tuple[str, str], ...]()
 
     def __init__(
-        self, document: Document, publish: Callable[[Snapshot], None], waiting: Sized
+        self, document: Document, publish: Callable[[Snapshot], None], thread: RenderThread
     ) -> None:
-        """waiting: the commands that wait; painting gives way to them."""
-        self._document, self._publish, self._waiting = document, publish, waiting
-        self._maker = CameraPictures(document.session)
-        self._thumbnails, self._paint = True, "plain"
-        self._screens: tuple[tuple[str, str], ...] = ()
-        self._painted = 0.0
-        self.is_stale = False
-        """there is something to paint"""
-        self.hurried = False
-        """tracking runs"""
+        self._document, self._publish, self._thread = document, publish, thread
+        self.maker = CameraPictures(document.session)
+        """for the render thread alone"""
 
     def want(self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...]) -> None:
-        """Paint these pictures from now on."""
-        self._thumbnails, self._paint, self._screens = thumbnails, paint, screens
-        self.is_stale = True
+        """Paint these pictures from now on: small ones, and large ones of cameras, each with what is painted over it."""
+        names = self._document.session.rig.names
+        self._thumbnails, self._paint = thumbnails, paint
+        self._screens = tuple((n, over) for n, over in screens if n in names and over != "mask")
+        self.show()
 
     @property
-    def rest_s(self) -> float:
-        """How long the worker may wait for a command before there is something to paint."""
-        if not self.is_stale:
-            return 0.1
-        every_s = _HURRIED_PAINT_S if self.hurried else _PAINT_EVERY_S
-        return max(self._painted + every_s - time.monotonic(), 0.0)
+    def is_wanted(self) -> bool:
+        """Whether the page looks at any."""
+        return self._thumbnails or bool(self._screens)
 
-    def paint(self) -> None:
-        """Paint what the page wants; a command that comes meanwhile goes first, and painting begins anew."""
-        self.is_stale, self._painted = False, time.monotonic()
-        for picture in self._pictures():
-            if picture is not None:
-                self._publish(picture)
-            elif len(self._waiting):
-                self.is_stale = True
-                return
+    def _show(self, hurried: bool) -> None:
+        self._thread.ask("pictures", self._make(self._publish))
 
-    def painted(self) -> PictureSnapshot | None:
-        """Return all that the page wants of the frame shown, in one; None where it wants none. Commands wait meanwhile."""
-        self.is_stale, self._painted = False, time.monotonic()
-        whole = None
-        for picture in self._pictures():
-            whole = picture or whole
-        return whole
+    def picture(self) -> PictureSnapshot | None:
+        """Return all that the page wants of the frame shown, in one; None where it wants nothing. Takes its time."""
+        if not self.is_wanted:
+            return None
+        made = self._thread.wait_for("pictures", self._make(lambda _: None))
+        return made if isinstance(made, PictureSnapshot) else None
 
-    def _pictures(self) -> Iterator[PictureSnapshot | None]:
-        """Yield the large pictures, and all of them at last; None in between, where painting may end."""
-        document, maker = self._document, self._maker
-        session, frame = document.session, document.frame
-        maker.session = session
-        bones = document.model.bones_within_limits(document.displayed)
-        ellipsoids = document.model.ellipsoids["fine"].posed(bones)
-        skeleton = document.model.skeleton
-        aside = skeleton.bone("forearm") if document.model.has_forearm else -1
-        large = {}
-        for camera, paint in self._screens:
-            if camera not in session.rig.names or paint == "mask":
-                continue  # masks may take long: they are made on the render thread
-            silhouette, joints = None, None
-            if paint == "residual":
-                observed = session.observation(frame, cloud=False)
-                silhouette = next(
-                    (s for s in observed.silhouettes if s.camera.name == camera), None
-                )
-                joints = self._joints(camera, frame, bones)
-            screen = maker.screen(camera, frame, paint, ellipsoids, silhouette, aside)
-            large[camera, paint] = screen if joints is None else joints_picture(screen, joints)
-        if large:
-            yield PictureSnapshot(frame, screens=large)
-        small = {}
-        for name in session.rig.names if self._thumbnails else ():
-            yield None
-            small[name] = maker.thumbnail(name, frame, self._paint, ellipsoids)
-        if small:
-            yield PictureSnapshot(frame, small, large)
+    def _make(self, publish: Callable[[Snapshot], None]) -> Callable[[], PictureSnapshot]:
+        """Return what makes them on the render thread. publish: gets the large ones, which come first."""
+        run, frame, maker = self._document.run, self._document.frame, self.maker
+        bones = run.model.bones_within_limits(self._document.displayed)
+        small, over_small, screens = self._thumbnails, self._paint, self._screens
 
-    def _joints(self, camera: str, frame: int, bones: BonePoses) -> Floats[N, D2, D2]:
-        """Return where a detector saw a camera's joints and where the model has them [px], of those that both have."""
-        document = self._document
-        model, sigma_px = document.model, document.run.settings.keypoints.detected_px
-        observed = document.session.view(camera).keypoints(frame, sigma_px)
-        places = model.joint_positions(bones)
-        pairs = [joint_pairs(joints, model.joint_names, places) for joints in observed]
-        return np.concatenate([np.zeros((0, 2, 2)), *pairs])
+        def make() -> PictureSnapshot:
+            session, made = run.session, PictureSnapshot(frame)
+            maker.session = session
+            ellipsoids = run.model.ellipsoids["fine"].posed(bones)
+            aside = run.model.skeleton.bone("forearm") if run.model.has_forearm else -1
+            for camera, over in screens:
+                silhouette = joints = None
+                if over == "residual":
+                    observed = session.observation(frame, cloud=False).silhouettes
+                    silhouette = next((s for s in observed if s.camera.name == camera), None)
+                    joints = _joints(run, camera, frame, bones)
+                screen = maker.screen(camera, frame, over, ellipsoids, silhouette, aside)
+                screen = screen if joints is None else joints_picture(screen, joints)
+                made.screens[camera, over] = screen
+            if small and screens:
+                publish(PictureSnapshot(frame, screens=made.screens))
+            for camera in session.rig.names if small else ():
+                made.thumbnails[camera] = maker.thumbnail(camera, frame, over_small, ellipsoids)
+            return made
+
+        return make
+
+
+def _joints(run: TrackingRun, camera: str, frame: int, bones: BonePoses) -> Floats[N, D2, D2]:
+    """Return where a detector saw a camera's joints and where the model has them [px], of those that both have."""
+    model, sigma_px = run.model, run.settings.keypoints.detected_px
+    places = model.joint_positions(bones)
+    observed = run.session.view(camera).keypoints(frame, sigma_px)
+    pairs = [joint_pairs(joints, model.joint_names, places) for joints in observed]
+    return np.concatenate([np.zeros((0, 2, 2)), *pairs])

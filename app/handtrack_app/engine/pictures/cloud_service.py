@@ -36,7 +36,7 @@ from handtrack_app.engine.pictures.camera_pictures import (
     stereo_pictures,
     stereo_words,
 )
-from handtrack_app.engine.service import PreviewService
+from handtrack_app.engine.service import FramePictures, Service
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
@@ -225,14 +225,14 @@ def _cameras(moment: RenderInput) -> tuple[str, ...]:
     return (settings.depth or paired or moment.run.session.rig.names)[:2]
 
 
-class CloudService(PreviewService):
+class CloudService(Service, FramePictures):
     """Clouds, and the surface that the solver fits to them."""
 
     _wanted = CloudSelection()
 
     @cached_property
     def _maker(self) -> CloudRenderer:
-        return CloudRenderer(self.opened.pictures)
+        return CloudRenderer(self.opened.painter.maker)
 
     # ---- showing
 

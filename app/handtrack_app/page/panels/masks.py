@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import html
 import math
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import viser
 
@@ -47,12 +50,14 @@ class MaskPanel(Panel):
         self.camera = page.choice("Camera", choices, lambda _: self._show_chosen())
         methods = {METHOD_WORDS[n]: n for n in possible}
         self.method = page.choice("Masks from", methods, lambda name: self._set("method", name))
-        for method in (name for name in possible if name in _SETTINGS):
+        for method in possible:
+            if not (known := settings_of(method)):
+                continue
             with gui.add_folder(METHOD_WORDS[method], visible=False) as folder:
                 self.methods[method] = folder
                 self.settings[method] = {
-                    name: SettingWidget(page, known, partial(self._set, name))
-                    for name, known in _SETTINGS[method].items()
+                    name: SettingWidget(page, one, partial(self._set, name))
+                    for name, one in known.items()
                 }
                 if method == "skin_adaptive":
                     act = partial(self._drag, "sample")
@@ -144,60 +149,18 @@ class MaskPanel(Panel):
 # ---- The mask methods and their settings
 
 
-METHOD_WORDS = {
-    "seeded": "seeded by joints",
-    "skin_ycrcb": "skin, fixed colours",
-    "skin_adaptive": "skin, sampled colour",
-    "background_median": "static background",
-    "background_mog2": "changing background",
-    "depth_range": "depth range",
-    "files": "files of the session",
-    "none": "none",
-}
-_OPEN = Setting(
-    "Side of the square whose opening removes specks; 0: none.",
-    "Opening px",
-    slider=(0, 25, 1),
-    kind=int,
+_TOLD: dict[str, Any] = tomllib.loads(
+    Path(__file__).with_name("mask_methods.toml").read_text("utf-8")
 )
-_LARGEST = Setting("Other pieces are background.", "Largest piece", kind=bool)
-_BRIGHT = Setting("Darker pixels are background.", "Brighter than", slider=(0, 255, 1), kind=int)
-_SAMPLES = Setting(
-    "Number of frames, evenly spaced over the recording.",
-    "Learned from",
-    slider=(3, 100, 1),
-    kind=int,
-)
-_SETTINGS: dict[str, dict[str, Setting]] = {
-    "seeded": {
-        "sure": Setting("Probability below which a pixel is unknown.", "Certainty", slider=(0.55, 0.99, 0.01), kind=float),
-        "samples": _SAMPLES,
-    },
-    "skin_ycrcb": {
-        "cr": Setting("Range of skin's red difference.", "Cr (red)", slider=(0, 255, 1), kind=int, many=True),
-        "cb": Setting("Range of skin's blue difference.", "Cb (blue)", slider=(0, 255, 1), kind=int, many=True),
-        "y_min": _BRIGHT, "open_px": _OPEN, "largest": _LARGEST,
-    },
-    "skin_adaptive": {
-        "size": Setting("In standard deviations of the box's colours.", "Ellipse's size", slider=(0.5, 8, 0.1), kind=float),
-        "y_min": _BRIGHT, "open_px": _OPEN, "largest": _LARGEST,
-    },
-    "background_median": {
-        "threshold": Setting("In standard deviations of each pixel.", "Difference", slider=(1, 40, 0.5), kind=float),
-        "samples": _SAMPLES, "open_px": _OPEN, "largest": _LARGEST,
-    },
-    "background_mog2": {
-        "threshold": Setting("Squared, in units of the variance.", "Difference", slider=(1, 100, 1), kind=float),
-        "shadows": Setting("Treats darkened background as background.", "No shadows", kind=bool),
-        "samples": _SAMPLES, "open_px": _OPEN, "largest": _LARGEST,
-    },
-    "depth_range": {
-        "near_m": Setting("Nearer is background.", "Nearest m", slider=(0.05, 3, 0.01), kind=float),
-        "far_m": Setting("Farther is background.", "Farthest m", slider=(0.05, 3, 0.01), kind=float),
-        "open_px": _OPEN, "largest": _LARGEST,
-    },
-}  # fmt: skip
-"""by method and setting"""
+METHOD_WORDS: dict[str, str] = _TOLD["words"]
+_KINDS: dict[str, type] = {"int": int, "float": float, "bool": bool}
+
+
+def settings_of(method: str) -> dict[str, Setting]:
+    """Return the settings that the page offers of a method, by name; none of what has none."""
+    known = _TOLD["settings"].get(method, {})
+    told = {name: own or _TOLD["shared"][name] for name, own in known.items()}
+    return {name: Setting(**one | {"kind": _KINDS[one["kind"]]}) for name, one in told.items()}
 
 
 # ---- Correcting a frame's mask: a brush on the camera's image, and what was painted carried to the frames beside
