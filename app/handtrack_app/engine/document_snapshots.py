@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
+from typing import get_args
 
 import numpy as np
 
@@ -34,9 +36,9 @@ from handtrack_app.protocol.snapshots import (
     PROBABILITY,
     SILHOUETTES,
     CloudCard,
+    FileKind,
     Hold,
     MaskCameraCard,
-    MaskCard,
     PartCard,
     PinCard,
     PoseSnapshot,
@@ -61,7 +63,8 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         first_frame=document.first_frame,
         cameras=tuple(camera.without_distortion() for camera in session.rig.cameras),
         clouds=cloud_card(document),
-        masks=mask_card(document),
+        masks=(masks := mask_cards(document)),
+        mask_words=mask_words(masks),
         parameter_names=model.parameter_names,
         driven=tuple(n for n in model.parameter_names if n not in driving),
         interval=model.limits.interval.copy(),
@@ -71,7 +74,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         ellipsoid_bone=ellipsoids.bone,
         radii=ellipsoids.radii,
         settings=dict(document.run.settings.flat()),
-        own_settings=document.saved.setting,
+        unsaved={kind: document.unsaved(kind) for kind in get_args(FileKind)},
         has_truth=session.truth is not None,
         joint_names=model.joint_names,
         stem_bones=stem_bones(model),
@@ -115,9 +118,7 @@ def cloud_card(document: Document) -> CloudCard:
         pairs = (*settings.stereo, *(p for p in pairs if p not in settings.stereo))
     in_force = (settings or CloudSettings()).in_force
     first = next(iter(pairs), None)
-    return CloudCard(
-        source, in_force, with_images, pairs[:_PAIRS], first, document.unsaved("clouds")
-    )
+    return CloudCard(source, in_force, with_images, pairs[:_PAIRS], first)
 
 
 _NO_IMAGES = (
@@ -126,8 +127,8 @@ _NO_IMAGES = (
 _FILES = "Masks of {} are files. Choose a method to compute them from the images, or correct them below: the files stay."
 
 
-def mask_card(document: Document) -> MaskCard:
-    """Return where masks come from, with the settings in force."""
+def mask_cards(document: Document) -> tuple[MaskCameraCard, ...]:
+    """Return where each camera's masks come from, with the settings in force."""
     cards = []
     for view in document.session.views:
         source = source_of(document.masks[view.name])
@@ -135,12 +136,15 @@ def mask_card(document: Document) -> MaskCard:
         method = str(table.pop("method", NO_MASKS if source.masks is None else FILES))
         possible = possible_masks(document, view)
         cards.append(MaskCameraCard(view.name, method, table, source.roi, possible))
-    words = ""
+    return tuple(cards)
+
+
+def mask_words(cards: Sequence[MaskCameraCard]) -> str:
+    """Return what is to be said of where masks come from."""
     if all(set(card.possible) <= {FILES, NO_MASKS} for card in cards):
-        words = _NO_IMAGES
-    elif files := [card.name for card in cards if card.method == FILES]:
-        words = _FILES.format(", ".join(files))
-    return MaskCard(tuple(cards), document.unsaved("masks"), words)
+        return _NO_IMAGES
+    files = [card.name for card in cards if card.method == FILES]
+    return _FILES.format(", ".join(files)) if files else ""
 
 
 def possible_masks(document: Document, view: View) -> tuple[str, ...]:

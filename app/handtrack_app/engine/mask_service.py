@@ -303,8 +303,7 @@ class MaskService(Service, FramePictures):
         tag: of the drag; what follows soon with the same is one step of undo.
         """
         words = f"Mask of {camera}, frame {frame}"
-
-        def change() -> None:
+        with self.opened.changing(is_stroke=True):
             self.store.check()  # what is painted becomes a file
             view, own = self._place(camera, frame)
             layer = view.corrections.layer(own)
@@ -315,19 +314,14 @@ class MaskService(Service, FramePictures):
             edit = decide(correction={(view.name, own): now})
             self.store.do(words, edit, f"{words} {tag}", waits=True, is_stroke=True)
 
-        self.opened.change(change, is_stroke=True)
-
     @Command(edits=True, files=True)
     def drop_correction(self, frame: int, camera: str) -> None:
         """Forget what was painted over a camera's mask in a frame."""
-
-        def change() -> None:
+        with self.opened.changing():
             self.store.check()
             _, own = self._place(camera, frame)
             edit = decide(correction={(camera, own): None})
             self.store.do(f"Correction of {camera} dropped, frame {frame}", edit)
-
-        self.opened.change(change)
 
     def _place(self, camera: str, frame: int) -> tuple[View, int]:
         """Return a camera's view and its own frame. Raises HandtrackError where it shows nothing."""
@@ -346,8 +340,7 @@ class MaskService(Service, FramePictures):
     def carry_masks(self, frame: int, camera: str, before: int, behind: int) -> None:
         """Carry what was painted in a frame on to so many frames before and behind it. camera: empty for all."""
         document, store = self.document, self.store
-
-        def change() -> None:
+        with self.opened.changing():
             store.check()
             store.write_what_rests(at_once=True)
             views = [view for view in document.session.views if camera in ("", view.name)]
@@ -356,5 +349,3 @@ class MaskService(Service, FramePictures):
             frames = range(document.clamped(at - low), document.clamped(at + high) + 1)
             work = partial(carry, views=views, frame=at, reach=frames, is_painted=self._is_painted)
             self.jobs.begin("carrying", work)
-
-        self.opened.change(change)

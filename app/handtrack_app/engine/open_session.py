@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 from handtrack.errors import HandtrackError
@@ -308,14 +309,18 @@ class OpenSession:
             self._tuning.publish_notes(known)
         self.show_all()
 
-    def change(self, change: Callable[[], object], is_stroke: bool = False) -> None:
-        """Change what is tracked by, save or restore it, and show what holds then. is_stroke: it is one of many that change no setting.
-        Raises HandtrackError for what cannot be done, as anything while a job runs.
+    @contextmanager
+    def changing(self, is_stroke: bool = False) -> Iterator[None]:
+        """A block that changes what is tracked by, saves or restores it: what holds then is shown, and the frame shown follows if that is
+        wanted. is_stroke: it is one of many that change no setting. Raises HandtrackError while a job runs.
         """
-        document, known = self.document, observed_kinds(self.document.session)
+        document, run = self.document, self.document.run
+        known = observed_kinds(document.session)
         try:
             self.jobs.require_idle()
-            self._tuning.followed(change)
+            yield
+            if document.run is not run:
+                self._tuning.fit_again()
         finally:
             if not is_stroke or observed_kinds(document.session) != known:
                 self.show_session()

@@ -61,12 +61,9 @@ class ReviewService(Service):
                 )
         named = f"{'' if len(cameras) == 1 else 's'} {', '.join(cameras)}"
         words = f"Correction of camera{named}{'' if on else ' removed'}"
-
-        def correct() -> None:
+        with self.opened.changing():
             self.store.do(words, edit)
             document.show(document.frame)
-
-        self.opened.change(correct)
         known = document.session.corrected
         figures = [f"{name} by {known[name]}" for name in cameras if on and name in known]
         done = f"Corrected: {'; '.join(figures)}" if on else "The calibration counts again"

@@ -27,7 +27,8 @@ class Service:
         self, words: str, edit: Callable[[], Edit], tag: str = "", is_stroke: bool = False
     ) -> None:
         """Make an edit of settings."""
-        self.opened.change(lambda: self.store.do(words, edit(), tag, is_stroke=is_stroke))
+        with self.opened.changing():
+            self.store.do(words, edit(), tag, is_stroke=is_stroke)
 
 
 class FramePictures(ABC):

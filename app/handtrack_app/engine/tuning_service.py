@@ -50,11 +50,8 @@ class TuningService(Service):
     @Command(edits=True, files=True)
     def save_to_file(self, kind: FileKind) -> None:
         """Write what session.toml does not have of a kind into it."""
-
-        def change() -> None:
+        with self.opened.changing():
             self.publish(Notice("done", "Settings saved", saving.save(self.store, kind)))
-
-        self.opened.change(change)
 
     @Command(edits=True)
     def restore_from_file(self, kind: FileKind) -> None:
@@ -100,13 +97,12 @@ class TuningService(Service):
         self._do(words, edit, words, slid)
         self.publish_notes(known)
 
-    def followed(self, change: Callable[[], object]) -> None:
-        """Change what is tracked by, and have the frame shown fitted anew if that did. Raises HandtrackError, and for an accepted
-        frame, which no fit changes.
+    def fit_again(self) -> None:
+        """What is tracked by has changed: have the frame shown fitted anew, if that is wanted. Raises HandtrackError for an accepted frame,
+        which no fit changes.
         """
-        document, run = self.document, self.document.run
-        change()
-        if document.run is run or not self._refits or document.session.live is not None:
+        document = self.document
+        if not self._refits or document.session.live is not None:
             return
         document.refuse_to_fit(document.frame)
         order = _Order(document.run, document.frame, document.shown.copy(), self.store.tag)

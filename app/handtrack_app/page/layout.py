@@ -169,7 +169,7 @@ class PageLayout:
         subscribe(TimelineChange, lambda new: self.show_timeline(new.over(page.state.strip)))
         subscribe(
             ProgressSnapshot,
-            self.tracking.show,
+            lambda _: self.tracking.show(),
             self.guesses.show_progress,
             lambda _: self.next.show(),
         )
@@ -180,7 +180,7 @@ class PageLayout:
 
     def _show_session(self, session: SessionSnapshot) -> None:
         self.snapshot = session
-        self.tracking.show_size()
+        self.tracking.show()
         self._show_head()
 
     def _show_head(self) -> None:
@@ -194,7 +194,7 @@ class PageLayout:
             return
         self.timeline.show_pose(pose)
         self.review.show_frame()
-        self.tracking.show_frame()
+        self.tracking.show()
         put(self.aside, visible=pose.origin == BEFORE)
 
     def show_hidden(self) -> None:
@@ -211,7 +211,7 @@ class PageLayout:
         self.timeline.show_timeline()
         self.messages.see_pose(strip.is_posed)
         self.review.show_timeline()
-        self.tracking.show_timeline()
+        self.tracking.show()
         self.next.show()
 
     def show_progress(self, progress: ProgressSnapshot) -> None:

@@ -63,17 +63,6 @@ class MaskCameraCard:
 
 
 @dataclass(frozen=True)
-class MaskCard:
-    """Where all cameras' masks come from."""
-
-    cameras: tuple[MaskCameraCard, ...]
-    unsaved: tuple[str, ...]
-    """cameras that differ from session.toml"""
-    words: str
-    """what is to be said of it"""
-
-
-@dataclass(frozen=True)
 class PictureSnapshot:
     """Pictures of one frame, RGB."""
 
@@ -232,8 +221,6 @@ class CloudCard:
     """pairs of cameras that can be matched"""
     pair: tuple[str, str] | None
     """the first pair in use"""
-    unsaved: tuple[str, ...]
-    """settings that differ from session.toml"""
 
 
 @dataclass(frozen=True)
@@ -247,7 +234,9 @@ class SessionSnapshot:
     cameras: tuple[Camera, ...]
     """undistorted"""
     clouds: CloudCard
-    masks: MaskCard
+    masks: tuple[MaskCameraCard, ...]
+    mask_words: str
+    """what is to be said of where masks come from"""
     parameter_names: tuple[str, ...]
     driven: tuple[str, ...]
     """joint parameters that follow others under this coupling"""
@@ -261,8 +250,8 @@ class SessionSnapshot:
     radii: Floats[E, D3]
     """[m]"""
     settings: dict[str, object]
-    own_settings: dict[str, object]
-    """as session.toml has them"""
+    unsaved: Mapping[FileKind, tuple[str, ...]]
+    """of each kind the names of what differs from session.toml: settings, those of [clouds], and cameras whose masks do"""
     has_truth: bool
     model: str
     joint_names: tuple[str, ...]
@@ -376,6 +365,11 @@ class ProgressSnapshot:
     """`tracking`, `sizing`, `finding` or `carrying`, while one runs"""
     frame: int | None = None
     """the frame that was tracked last"""
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a job runs."""
+        return self.state in ("tracking", "paused", "preparing")
 
 
 COUNTED = ("used", "dropped", "missing")

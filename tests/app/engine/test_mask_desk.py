@@ -20,13 +20,13 @@ X, Y = BOX[0] + BOX[2] // 2, BOX[1] + BOX[3] // 2
 """amid the skin, in cam0"""
 
 
-def method(card, camera="cam0"):
-    return next(c.method for c in card.cameras if c.name == camera)
+def method(told, camera="cam0"):
+    return next(c.method for c in told.masks if c.name == camera)
 
 
 def masks_told(listener, test):
-    """Return where masks come from, once the page is told of such."""
-    return listener.wait(snapshots.SessionSnapshot, lambda s: test(s.masks)).masks
+    """Return the session, once the page is told of such."""
+    return listener.wait(snapshots.SessionSnapshot, test)
 
 
 def stroke(worker, frame=0, brush="hand"):
@@ -43,15 +43,15 @@ def file_of(folder, frame=0):
 
 def test_a_method_is_tried_over_all_cameras_at_once(cloudy_desk, tmp_path):
     (worker, listener), folder = cloudy_desk, tmp_path
-    first = listener.wait(snapshots.SessionSnapshot).masks
-    assert [method(first, c.name) for c in first.cameras] == ["none", "none"]
-    assert "skin_ycrcb" in first.cameras[0].possible
-    assert {"seeded", "depth_range", "files"}.isdisjoint(first.cameras[0].possible)
+    first = listener.wait(snapshots.SessionSnapshot)
+    assert [method(first, c.name) for c in first.masks] == ["none", "none"]
+    assert "skin_ycrcb" in first.masks[0].possible
+    assert {"seeded", "depth_range", "files"}.isdisjoint(first.masks[0].possible)
     worker.engine.want_masks(True)
     worker.engine.set_masks("", SKIN)
     card = masks_told(listener, lambda c: method(c) == "skin_ycrcb")
-    assert card.unsaved == ("cam0", "cam1")
-    assert card.cameras[0].values["cr"] == (138, 175)
+    assert card.unsaved["masks"] == ("cam0", "cam1")
+    assert card.masks[0].values["cr"] == (138, 175)
 
     def is_dark(picture):
         corner, middle = picture.thumbnails["cam0"][5, 5], picture.thumbnails["cam0"][Y, X]
@@ -59,8 +59,8 @@ def test_a_method_is_tried_over_all_cameras_at_once(cloudy_desk, tmp_path):
 
     listener.wait(snapshots.MaskPicture, is_dark)
     worker.engine.set_masks("cam1", {"y_min": 255})
-    changed = masks_told(listener, lambda c: c.cameras[1].values.get("y_min") == 255)
-    assert changed.cameras[0].values["y_min"] == 40
+    changed = masks_told(listener, lambda c: c.masks[1].values.get("y_min") == 255)
+    assert changed.masks[0].values["y_min"] == 40
     assert (folder / "session.toml").read_text() == SETTINGS
 
 
@@ -70,7 +70,7 @@ def test_what_is_tried_is_saved_and_taken_back(cloudy_desk, tmp_path):
     worker.engine.set_masks("cam1", {"roi": (10, 5, 60, 50)})
     worker.engine.set_masks("cam0", {"cr": (140, 170)})
     worker.engine.save_to_file("masks")
-    masks_told(listener, lambda c: c.cameras[1].roi and not c.unsaved)
+    masks_told(listener, lambda c: c.masks[1].roi and not c.unsaved["masks"])
     text = (folder / "session.toml").read_text()
     assert text.startswith("# a comment that stays\n")
     saved = tomllib.loads(text)["camera"]
@@ -78,7 +78,7 @@ def test_what_is_tried_is_saved_and_taken_back(cloudy_desk, tmp_path):
     assert saved[1]["roi"] == [10, 5, 60, 50]
     assert Session.open(folder).views[0].settings.masks == SkinYCrCb(cr=(140, 170))
     worker.engine.set_masks("cam0", {"y_min": 90})
-    masks_told(listener, lambda c: c.unsaved == ("cam0",))
+    masks_told(listener, lambda c: c.unsaved["masks"] == ("cam0",))
     worker.engine.undo(1)
     eventually(lambda: not worker.document.unsaved("masks"))
     worker.engine.set_masks("", {"method": "background_median"})
@@ -181,7 +181,7 @@ def test_files_are_said_to_be_files_and_stay(tmp_path):
     settings, mask = folder / "session.toml", folder / "masks" / "cam0" / "000.png"
     edit(settings, 'cam0/*.png"\n\n', 'cam0/*.png"\nmask_unknown = 100\n\n')
     worker, listener = working(folder)
-    assert method(listener.wait(snapshots.SessionSnapshot).masks) == "files"
+    assert method(listener.wait(snapshots.SessionSnapshot)) == "files"
     before = mask.read_bytes()
     stroke(worker)
     eventually(lambda: file_of(folder).is_file())

@@ -291,13 +291,10 @@ class CloudService(Service, FramePictures):
         self, frame: int, camera: str, box: tuple[int, int, int, int] | None, size: float
     ) -> None:
         """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame; None: to all images in which hand is painted."""
-
-        def change() -> None:
+        with self.opened.changing():
             settings, words = skin_in_force(self.document, frame, camera, box, size)
             self.store.do("Colour of skin", edits.clouds(settings), tag="skin")
             self.publish(Notice("done", "Skin colour updated", words))
-
-        self.opened.change(change)
 
 
 def skin_in_force(

@@ -107,7 +107,7 @@ class CloudPanel(Panel):
         if not card.source:
             self.counts.content = ""
         self._offer_pictures(card)
-        self.saved.show(card.unsaved)
+        self.saved.show(session.unsaved["clouds"])
         self.note.content = _note(card)
 
     def _add(self, *names: str) -> None:

@@ -36,9 +36,9 @@ class MaskPanel(Panel):
     """by method and name"""
 
     def build(self) -> None:
-        page, gui, card = self.page, self.gui, self.state.session.masks
-        names = tuple(camera.name for camera in card.cameras)
-        possible = [n for n in METHOD_WORDS if any(n in camera.possible for camera in card.cameras)]
+        page, gui, cameras = self.page, self.gui, self.state.session.masks
+        names = tuple(camera.name for camera in cameras)
+        possible = [n for n in METHOD_WORDS if any(n in camera.possible for camera in cameras)]
         self.sheet = gui.add_html("", visible=False)
         self.wrong = gui.add_html("")
         self.note = gui.add_html("")
@@ -78,10 +78,9 @@ class MaskPanel(Panel):
 
     def fit(self, session: SessionSnapshot) -> None:
         """Show what is in force."""
-        card = session.masks
         self._show_chosen()
-        self.note.content = escaped(card.words)
-        self.saved.show(f"masks of {name}" for name in card.unsaved)
+        self.note.content = escaped(session.mask_words)
+        self.saved.show(f"masks of {name}" for name in session.unsaved["masks"])
 
     # ---- which camera
 
@@ -91,7 +90,7 @@ class MaskPanel(Panel):
 
     def _shown_camera(self) -> MaskCameraCard:
         """Return the camera chosen, of all the first."""
-        named, cameras = self._named(), self.state.session.masks.cameras
+        named, cameras = self._named(), self.state.session.masks
         return next((c for c in cameras if c.name == named), cameras[0])
 
     def _one_camera(self, client: Client) -> str:

@@ -476,7 +476,7 @@ class GuessesPanel(Part):
 
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show whether something can be cancelled, and nothing that cannot be pressed."""
-        busy = progress.state in ("tracking", "paused", "preparing")
+        busy = progress.is_busy
         searching = busy and progress.state == "preparing" and progress.job == "finding"
         put(self.cancel, visible=searching)
         put(self.find, visible=self.possible and not busy)

@@ -150,14 +150,14 @@ class SettingsPanel(Panel):
             one.show(value)
             put(
                 one.widget,
-                label=f"{one.known.label} •" if name in self.changed else one.known.label,
+                label=f"{one.known.label} •" if name in self._changed else one.known.label,
             )
             if name in self.explanations:
                 words = html.escape(one.known.explanations.get(str(value), ""))
                 put(self.explanations[name], content=text(words))
         self._show_what_counts(session)
         self.shape.fit(session)
-        self.saved.show(self.changed)
+        self.saved.show(self._changed)
 
     def build(self) -> None:
         page, gui, session = self.page, self.gui, self.state.session
@@ -185,7 +185,7 @@ class SettingsPanel(Panel):
                 if setting.name in self.controls:
                     about = _OBSERVED_AS.get(setting.name.partition(".")[0])
                     counts = (
-                        about is None or about in session.observed or setting.name in self.changed
+                        about is None or about in session.observed or setting.name in self._changed
                     )
                     put(self.controls[setting.name].widget, visible=counts)
                     if setting.name in self.explanations:
@@ -194,11 +194,8 @@ class SettingsPanel(Panel):
             put(folder, visible=counting)
 
     @property
-    def changed(self) -> dict[str, object]:
-        """The settings in force that session.toml does not have, by name."""
-        session = self.state.session
-        own = session.own_settings
-        return {n: v for n, v in session.settings.items() if n in own and own[n] != v}
+    def _changed(self) -> tuple[str, ...]:
+        return self.state.session.unsaved["setting"]
 
     def _add(self, setting: Setting) -> None:
         set_it = self.engine.set_setting

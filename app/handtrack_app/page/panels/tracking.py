@@ -79,7 +79,7 @@ class TrackingPanel(Panel):
             "Opens rerun's viewer with every camera's residuals: of all tracked frames, and of each frame that is tracked from now on.",
         )  # fmt: skip
         self.rerun = page.gui.add_markdown("", visible=False)
-        self.show(page.state.progress)
+        self.show()
 
     def _add_range(self) -> None:
         """Offer parts of a recording."""
@@ -97,28 +97,6 @@ class TrackingPanel(Panel):
         self.range.on_update(lambda _: self._name_range())  # whoever moved it
         self._name_range()
         self.starters += [onward, span]
-
-    @property
-    def _is_idle(self) -> bool:
-        return self.state.progress.state == "idle"
-
-    def show_timeline(self) -> None:
-        """Offer what the frames that are tracked allow."""
-        self._show_refine()
-        self.show_frame()
-
-    def _show_refine(self) -> None:
-        """Offer it where frames are tracked."""
-        state = self.state
-        tracked = int((state.strip.status >= 0).sum()) > 1
-        put(self.refine, visible=tracked and self._is_idle and not state.session.live)
-
-    def show_frame(self) -> None:
-        """Offer to track between the kept frames around the frame shown."""
-        ends = frozen_ends(self.state.strip, self.state.frame)
-        if ends is not None:
-            put(self.between, label=f"Track between {ends[0]} and {ends[1]}")
-        put(self.between, visible=ends is not None and self._is_idle)
 
     def show_rerun(self, rerun: RerunPage) -> None:
         """Show where the residuals of what is tracked can be seen."""
@@ -169,12 +147,6 @@ class TrackingPanel(Panel):
         """Let tracking wait, or go on."""
         self.engine.pause(self.state.progress.state != "paused")
 
-    def show_size(self) -> None:
-        """Offer to put the size's fit off while it is to be done."""
-        session = self.state.session
-        visible = session.size_pending and self._is_idle
-        put(self.later, visible=visible, value=session.settings.get(_SIZE) == "later")
-
     def _put_off(self, on: bool) -> None:
         words = self.page.phrase(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
         self.engine.set_setting(_SIZE, "later" if on else "true", words)
@@ -190,20 +162,25 @@ class TrackingPanel(Panel):
         first, last = np.clip(sorted(self.range.value), strip.start, strip.stop - 1).tolist()
         return first, last
 
-    def show(self, progress: ProgressSnapshot) -> None:
-        """Show what the worker is doing; only what can be pressed now is there."""
-        busy = progress.state in ("tracking", "paused", "preparing")
-        self.pause.visible = self.cancel.visible = busy
-        self.follow.visible = busy or self.state.session.live
-        put(self.follow, value=self.state.follow)
-        paused = progress.state == "paused"
+    def show(self) -> None:
+        """Offer only what can be pressed now: as session, tracked frames, the frame shown and what the worker does allow."""
+        state, session, strip = self.state, self.state.session, self.state.strip
+        busy, doing = state.progress.is_busy, state.progress.state
+        paused, idle = doing == "paused", doing == "idle"
         icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
-        put(self.pause, label="Resume" if paused else "Pause", icon=icon)
+        put(self.pause, visible=busy, label="Resume" if paused else "Pause", icon=icon)
+        put(self.cancel, visible=busy)
+        put(self.follow, visible=busy or session.live, value=state.follow)
         for button in self.starters:
             put(button, visible=not busy)
-        self.show_size()
-        self._show_refine()
-        self.show_frame()
+        is_later = session.settings.get(_SIZE) == "later"
+        put(self.later, visible=session.size_pending and idle, value=is_later)
+        tracked = int((strip.status >= 0).sum()) > 1
+        put(self.refine, visible=tracked and idle and not session.live)
+        ends = frozen_ends(strip, state.frame)
+        if ends is not None:
+            put(self.between, label=f"Track between {ends[0]} and {ends[1]}")
+        put(self.between, visible=ends is not None and idle)
 
 
 def frozen_ends(strip: TimelineSnapshot, frame: int) -> tuple[int, int] | None:
