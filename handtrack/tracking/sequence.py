@@ -75,7 +75,8 @@ def tracked_by_new_share(
     poses = np.array([model.solver_params(r.parameters) for r in posed])
     frames = [result.frame for result in posed]
     around = dict(zip(frames, poses, strict=True))
-    share = new_share(RecordingLikelihood(model, settings, observe, around, 1.0), frames, poses)
+    recording = Recording(model, settings, observe)
+    share = new_share(RecordingLikelihood(recording, around, 1.0), frames, poses)
     if share > MOSTLY_NEW:
         return tracked
     traits = replace(settings.traits, new_share=share)

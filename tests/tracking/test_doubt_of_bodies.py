@@ -25,7 +25,7 @@ from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.size.estimate import estimate_whole
-from handtrack.tracking.whole.likelihood import RecordingLikelihood, new_share
+from handtrack.tracking.whole.likelihood import Recording, RecordingLikelihood, new_share
 from handtrack.tracking.whole.trajectory_hypotheses import (
     trajectory_cost,
     trajectory_hypotheses,
@@ -121,13 +121,12 @@ def _evidence(*cameras, off_px=np.zeros((4, 1, 2))):
         return replace(seen, frame=frame, time_s=frame / 25.0)
 
     settings = TrackerSettings().with_values({"prior.motion_sigma_deg": 5.0})
-    return RecordingLikelihood(BODY, settings, observe, dict(enumerate(POSES)), 0.04)
+    return RecordingLikelihood(Recording(BODY, settings, observe), dict(enumerate(POSES)), 0.04)
 
 
 def _way(*cameras):
     likelihood = _evidence(*cameras)
     found = estimate_whole(likelihood, FRAMES, POSES, sweeps=3)
-    assert found is not None
     return likelihood, found
 
 

@@ -20,9 +20,7 @@ from handtrack.tracking.frame.motion_belief import MotionBelief
 from handtrack.tracking.hypotheses import mixture, mixture_search
 from handtrack.tracking.hypotheses.mixture import searched
 from handtrack.tracking.hypotheses.mixture_search import (
-    FirstHypotheses,
     MixtureObjective,
-    NextHypotheses,
     Source,
     without_memory,
 )
@@ -56,7 +54,7 @@ def component(mean, covariance, terms, weight=1.0, number=0):
 
 def carried_on(components, **values):
     task = BALL, settings(**values), NOTHING, np.zeros(6)
-    return searched(NextHypotheses(*task, chains=STIFF, components=components))[1]
+    return searched(MixtureObjective(*task, chains=STIFF, components=components))[1]
 
 
 def turned(angle):
@@ -103,7 +101,7 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     told = Told()
     last = component(mean, np.diag(variance), terms)
     task = {"control": Control(observer=told), "chains": [chain], "components": [last]}
-    _, found = searched(NextHypotheses(HAND, chosen, look, mean, **task))
+    _, found = searched(MixtureObjective(HAND, chosen, look, mean, **task))
     weights = {h.origin: h.weight for h in found}
     (report,) = told
     masses = {origin: np.exp(-cost) for origin, cost in report.rounds[0][1]}
@@ -130,7 +128,7 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
     def log_priors(votes):
         monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
         chosen = settings(**{"mixture.draws": 16})
-        following = NextHypotheses(HAND, chosen, look, rest, chains=two, components=[last])
+        following = MixtureObjective(HAND, chosen, look, rest, chains=two, components=[last])
         return {c.origin: c.source.log_prior for c in following.kinematic_jumps([], 0)}
 
     even, uneven = log_priors([0.5, 0.5]), log_priors([0.2, 0.8])
@@ -178,8 +176,9 @@ def test_of_a_first_frame_costs_alone_decide():
     """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
     terms = frame(BALL, Wells((well(0.2, 1.0, 0.1), well(1.4, 2.0, 0.5), well(-1.5, 2.5, 0.1))))
     told = Told()
-    task = {"control": Control(observer=told), "chains": STIFF, "free_terms": terms}
-    _, found = searched(FirstHypotheses(BALL, settings(), NOTHING, np.zeros(6), **task))
+    first = [Source("start", terms, 12)]
+    task = {"control": Control(observer=told), "chains": STIFF, "components": first}
+    _, found = searched(MixtureObjective(BALL, settings(), NOTHING, np.zeros(6), **task))
     assert_allclose([h.parameters[FACING] for h in found], [0.2, 1.4, -1.5], atol=1e-3)
     weights = np.exp([-1.0, -2.0, -2.5])
     assert_allclose([h.weight for h in found], weights / weights.sum(), rtol=1e-3)

@@ -27,7 +27,7 @@ from handtrack.tracking.size.cameras import CameraChanges
 from handtrack.tracking.size.estimate import Shared, estimate_whole, fit_size
 from handtrack.tracking.size.person import PersonChange, Subject, shape_covariance
 from handtrack.tracking.whole.chosen_frames import fit_person
-from handtrack.tracking.whole.likelihood import RecordingLikelihood
+from handtrack.tracking.whole.likelihood import Recording, RecordingLikelihood
 from handtrack.tracking.whole.refinement import Refinement
 from tests.derivatives import check_gradient
 from tests.tracking.scenes import joints_seen, on_surface
@@ -54,9 +54,8 @@ TRUTH = points_of(POSES, WHO.build(OTHER))
 def test_a_frames_system_has_the_derivatives_of_its_cost_by_pose_cameras_and_person(rng):
     poses = POSES[:3]
     observe = watched(CAMERAS, [TRUTH[:3]] * 3)
-    likelihood = RecordingLikelihood(
-        HAND, TrackerSettings(), observe, dict(enumerate(poses)), 1 / FPS
-    )
+    recording = Recording(HAND, TrackerSettings(), observe)
+    likelihood = RecordingLikelihood(recording, dict(enumerate(poses)), 1 / FPS)
     looks = [(observe(0), HAND.bones(poses[0]).position.mean(axis=0))] * 4
     person = PersonChange.of(HAND, looks, replace(WHO, offsets=True))
     assert person.free.all()
@@ -195,12 +194,11 @@ def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng):
             cloud = PointCloud(points + rng.normal(scale=1e-3, size=points.shape))
             seen.append(Observation(frame, 3 * frame / FPS, cloud=cloud, cloud_views=tuple(views)))
         looks = [(one, poses[0, :3]) for one in seen]
-        likelihood = RecordingLikelihood(
-            hand, TrackerSettings(), lambda frame, _: seen[frame], dict(enumerate(poses)), 3 / FPS,
-            person=PersonChange.of(hand, looks, subject),
-        )  # fmt: skip
+        recording = Recording(hand, TrackerSettings(), lambda frame, _: seen[frame])
+        around, changes = dict(enumerate(poses)), PersonChange.of(hand, looks, subject)
+        likelihood = RecordingLikelihood(recording, around, 3 / FPS, person=changes)
         estimate = estimate_whole(likelihood, range(len(poses)), poses)
-        assert estimate is not None and estimate.scale is not None
+        assert estimate.scale is not None
         return estimate.scale
 
     around, front = found(near), found(near[:1])

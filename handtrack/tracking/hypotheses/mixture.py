@@ -27,9 +27,7 @@ from handtrack.tracking.hypotheses.mixture_search import (
     FIRST_HYPOTHESES,
     NEXT_HYPOTHESES,
     WEIGHTLESS,
-    FirstHypotheses,
     MixtureObjective,
-    NextHypotheses,
     Source,
     Start,
 )
@@ -37,12 +35,12 @@ from handtrack.tracking.search.engine import report, run_rounds
 
 
 def searched(
-    objective: FirstHypotheses | NextHypotheses,
+    objective: MixtureObjective,
 ) -> tuple[tuple[MotionBelief, ...], tuple[Alternative, ...]]:
     """Return the hypotheses of a frame, the heaviest of the distinct minima that are found, with the motion of each."""
-    search, why = FIRST_HYPOTHESES, "a first frame"
-    if isinstance(objective, NextHypotheses):
-        search, why = NEXT_HYPOTHESES, f"carried on: {len(objective.components)}"
+    search, why = NEXT_HYPOTHESES, f"carried on: {len(objective.components)}"
+    if objective.is_first:
+        search, why = FIRST_HYPOTHESES, "a first frame"
     tried: Tried = []
     found = run_rounds(search, objective, (), tried=tried)
     found = [c for c in found if np.isfinite(c.cost)]
@@ -118,23 +116,20 @@ def solve_mixture(task: FrameTask, carried: Sequence[MotionBelief]) -> Step:
     """
     params, terms = task.opened()
     chains = chains_of(task.model, task.settings.mixture.chains)
-    about = vars(task) | {"start": params, "chains": chains}
     known = task.previous[-1].alternatives if carried else ()
     if not terms.has_observations:
         held = tuple(replace(one, parent=n) for n, one in enumerate(known))
         return _with_alternatives(task.unseen(), tuple(carried), held)
+    components = [Source("start", terms.without_motion(), MIXTURE_DESCENTS)]
     if carried:
         most = max(MIXTURE_DESCENTS // len(carried), 2)
         components = [
             _component(task, belief, one.weight, most, n)
             for n, (belief, one) in enumerate(zip(carried, known, strict=True))
         ]
-        beliefs, alternatives = searched(NextHypotheses(**about, components=components))
-        terms = components[alternatives[0].parent].terms
-    else:
-        terms = terms.without_motion()
-        beliefs, alternatives = searched(FirstHypotheses(**about, free_terms=terms))
-    best = beliefs[0].mean
+    about = vars(task) | {"start": params, "chains": chains, "components": components}
+    beliefs, alternatives = searched(MixtureObjective(**about))
+    best, terms = beliefs[0].mean, components[alternatives[0].parent].terms
     problem = stage_problem(terms, best)
     system = problem.linearize(best)
     solved = task.solved(terms, SolveSummary(best, system.cost, 0, "converged", system), problem)

@@ -7,7 +7,7 @@ hypothesis followed, and jumped along chains that votes name (2003 paper, §4; d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 
@@ -40,7 +40,7 @@ WEIGHTLESS = np.finfo(float).tiny
 @array_dataclass
 class Source:
     """Where some starts come from, and what is known there before the frame is seen. A component is one: a hypothesis of the last frame
-    moved to where it is expected now, its terms without the pull to it.
+    moved to where it is expected now, its terms without the pull to it; of a first frame what it costs without any pull.
     """
 
     origin: str
@@ -73,10 +73,22 @@ class Start(Candidate):
 
 @array_dataclass
 class MixtureObjective(FrameTask):
-    """What first frames and all others share; see engine.Objective."""
+    """A frame of which several hypotheses are looked for; see engine.Objective. docs/how-to/one_camera.md.
+
+    A first frame begins far off, first as if joints were seen coarsely. In all others each component is optimised from where it is
+    expected. Then components are drawn; of each, a chain by its vote, a covariance-scaled sample, and the sample's interpretation tree
+    over the chain. Leaves are optimised under the temporal prior of a jump, which is flat in the parameters of the chain that jumped.
+    """
 
     chains: Sequence[Chain] = ()
     """along which poses are flipped"""
+    components: Sequence[Source] = ()
+    """hypotheses of the last frame; of a first frame one without a belief"""
+
+    @property
+    def is_first(self) -> bool:
+        """Whether no frame came before."""
+        return self.components[0].belief is None
 
     @cached_property
     def rng(self) -> np.random.Generator:
@@ -108,10 +120,11 @@ class MixtureObjective(FrameTask):
             starts, source = np.array([c.params for c in (first, *others)]), first.source
             is_far, stop = source.belief is None, self.control.should_stop
             ended = minima(source.terms, starts, source.most, stop, is_far)
-            found += self.weighed(source, *ended)
+            by_closest = self.settings.traits.closest_prior and not self.is_first
+            found += (self._by_closest_density if by_closest else self._by_mass)(source, *ended)
         return found
 
-    def weighed(
+    def _by_mass(
         self, source: Source, params: Floats[N, P], cost: Floats[N], normal: Floats[N, P, P]
     ) -> list[Start]:
         """Return the minima that a source's starts led to, with what they weigh.
@@ -143,14 +156,6 @@ class MixtureObjective(FrameTask):
         rows = distinct(params, np.array([c.cost for c in candidates]), np.deg2rad(MERGE_DEG))
         return [candidates[row] for row in rows[:most]]
 
-
-@array_dataclass
-class FirstHypotheses(MixtureObjective):
-    """A first frame; see engine.Objective. From a start that is far off, first as if joints were seen coarsely."""
-
-    free_terms: FrameTerms = field(kw_only=True)
-    """what the frame costs, without any pull to an expected pose"""
-
     def coarse_headings(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the start at headings all around the root's y axis, with image joints of ten times the standard deviation."""
         joint = self.model.joint_params(self.start)
@@ -158,12 +163,12 @@ class FirstHypotheses(MixtureObjective):
         facing = rotation_matrix(joint[3:6]) @ rotation_matrix(turns)
         rows = np.tile(joint, (most, 1))
         rows[1:, 3:6] = rotation_vector(facing[1:])
-        far = Source("start", self.free_terms.coarser(_COARSE), most)
+        far = Source("start", self.components[0].terms.coarser(_COARSE), most)
         return self.starts(far, np.array([self.model.solver_params(row) for row in rows]))
 
     def start_and_candidates(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the start and all candidates so far."""
-        near = Source("start", self.free_terms, len(found))
+        near = replace(self.components[0], most=len(found))
         return self.starts(near, np.array([self.start, *(c.params for c in found)]))
 
     def interpretation_trees_of_best(self, found: Sequence[Start], most: int) -> list[Start]:
@@ -189,20 +194,8 @@ class FirstHypotheses(MixtureObjective):
                 self.rng.standard_normal,
             )
             starts += [here[None], leaves, projected(self.model, around)]
-        source = Source("first tree", self.free_terms, MIXTURE_DESCENTS)
+        source = replace(self.components[0], origin="first tree")
         return self.starts(source, np.concatenate(starts))
-
-
-@array_dataclass
-class NextHypotheses(MixtureObjective):
-    """A frame after others; see engine.Objective. docs/how-to/one_camera.md.
-
-    Each component is optimised from where it is expected. Then components are drawn; of each, a chain by its vote,
-    a covariance-scaled sample, and the sample's interpretation tree over the chain. Leaves are optimised under the
-    temporal prior of a jump, which is flat in the parameters of the chain that jumped.
-    """
-
-    components: Sequence[Source] = ()
 
     def motion_prediction(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose each hypothesis of the last frame, moved by its predicted motion."""
@@ -256,16 +249,15 @@ class NextHypotheses(MixtureObjective):
             log_prior=float(log),
         )
 
-    def weighed(
+    def _by_closest_density(
         self, source: Source, params: Floats[N, P], cost: Floats[N], normal: Floats[N, P, P]
     ) -> list[Start]:
-        """Return minima with what they weigh: by where they come from, or by the density that is closest to where they end.
+        """Return the minima with what they weigh by the density that is closest to where they end, wherever they were come by.
 
-        The second is the 2003 paper's (fig. 4, step 5): exp(−cost) times weight and height of the long-tailed density of the last
-        frame that is closest by Mahalanobis' distance, wherever a minimum was come by.
+        That is the 2003 paper's (fig. 4, step 5): exp(−cost) times weight and height of the long-tailed density of the last
+        frame that is closest by Mahalanobis' distance.
         """
-        if not self.settings.traits.closest_prior:
-            return super().weighed(source, params, cost, normal)
+        starts = self._by_mass(source, params, cost, normal)
         heights, distances = zip(*(self._density(c, params) for c in self.components), strict=True)
         closest = np.argmin(distances, axis=0)
         return [
@@ -274,9 +266,7 @@ class NextHypotheses(MixtureObjective):
                 cost=start.energy - float(heights[i][n]),
                 source=replace(source, parent=int(i), belief=None),
             )
-            for n, (start, i) in enumerate(
-                zip(super().weighed(source, params, cost, normal), closest, strict=True)
-            )
+            for n, (start, i) in enumerate(zip(starts, closest, strict=True))
         ]
 
     def _density(self, component: Source, params: Floats) -> tuple[Floats, Floats]:
@@ -336,16 +326,16 @@ FIRST_HYPOTHESES = Search(
     when="`tracker.hypotheses` above 1",
     rounds=(
         Round(
-            ((FirstHypotheses.coarse_headings, 4),),
+            ((MixtureObjective.coarse_headings, 4),),
             fits=((MixtureObjective.minimum, 0),),
         ),
         Round(
-            ((FirstHypotheses.start_and_candidates, 0),),
+            ((MixtureObjective.start_and_candidates, 0),),
             keep=0,
             fits=((MixtureObjective.minimum, 0),),
         ),
         Round(
-            ((FirstHypotheses.interpretation_trees_of_best, 6),),
+            ((MixtureObjective.interpretation_trees_of_best, 6),),
             adds=True,
             fits=((MixtureObjective.minimum, 0),),
             times=3,
@@ -361,8 +351,8 @@ NEXT_HYPOTHESES = Search(
     rounds=(
         Round(
             (
-                (NextHypotheses.motion_prediction, 0),
-                (NextHypotheses.kinematic_jumps, 0),
+                (MixtureObjective.motion_prediction, 0),
+                (MixtureObjective.kinematic_jumps, 0),
             ),
             fits=((MixtureObjective.minimum, 0),),
         ),

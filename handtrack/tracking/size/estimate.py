@@ -110,6 +110,10 @@ _MOTIONS, _MOTION_SWEEPS = 5, 3
 many of the sweeps; then it stands, for poses to settle"""
 
 
+class StoppedError(Exception):
+    """Raised in place of an estimate: asked to stop, or it would gain too little."""
+
+
 @array_dataclass
 class WholeEstimate:
     """Poses of frames that follow one another, and how sure they are."""
@@ -244,10 +248,10 @@ def estimate_whole(
     report: Callable[[float], None] = lambda share: None,
     sweeps: int = _SWEEPS,
     at_most: float = np.inf,
-) -> WholeEstimate | None:
+) -> WholeEstimate:
     """Return the poses that are most probable together, from `poses` on, solver parameters of the
-    frames, and the changes of the evidence's cameras and person; None when stopped, or where its
-    first step does not foretell that a frame costs less than `at_most` on average.
+    frames, and the changes of the evidence's cameras and person. Raises StoppedError when stopped, or
+    where its first step does not foretell that a frame costs less than `at_most` on average.
 
     Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they
     share in its border. Each frame has a damping of its own: one that fits worse after a step than
@@ -290,72 +294,67 @@ def estimate_whole(
         order = np.flatnonzero(~stands)[:: 1 if sweep % 2 == 0 else -1].tolist()
         for first in range(0, len(order), _LINEARIZED):
             if should_stop():
-                raise _StoppedError
+                raise StoppedError
             some = order[first : first + _LINEARIZED]
             for n, system in zip(some, in_parallel(linearized, some), strict=True):
                 systems.put(n, *system)
             report((sweep + (first + len(some)) / len(order)) / (sweeps + 1))
         return _Swept(model, poses, shared, frames_per_sample, systems)
 
-    try:
-        best = swept(_within(model, poses))
-        for sweep in range(1, sweeps + 1):
-            for _ in range(_MOTIONS if sweep <= _MOTION_SWEEPS else 0):
-                if motion is None or usual is None:
-                    break
-                system, right = _system(best, motion)
-                expected = moved(best.poses, system.solve(*right)[0])
-                motion = motion.estimated(expected, system.frames.inverse_parts(), usual)
-            system, right = _system(best, motion, damping, shared_damping=stiff)
-            step, change = system.solve(*right)
-            expected_gain = 0.5 * (right[0] * step).sum(axis=1)
-            expected_gain += 0.5 * float((right[1] * change / frames_per_sample).sum())
-            most, most_once = times * _ENOUGH, times * _ENOUGH_ONCE
-            settled = expected_gain.mean() < most and expected_gain.max() < most_once
-            step, change = length * step, length * change
-            slope = float((right[0] * step).sum() + right[1] @ change)
-            ahead = best.systems.after(step, change)
-            predicted = ahead.costs.copy()
-            if sweep == 1 and predicted.mean() >= at_most:
-                return None
-            del system  # of a long recording as large as what all frames say
-            likelihood = likelihood.sharing(best.shared.stepped(change))
-            found = swept(_within(model, moved(best.poses, step)), ahead)
-            gain = best.cost(motion) - found.cost(motion)
-            # where the parabola is lowest that has the cost's slope, and its gain at this step
-            best_length = 0.5 * length * slope / (slope - gain) if gain < slope else _LONGEST
-            length = min(max(best_length, 1.0), _LONGEST)
-            worse = found.costs > np.maximum(predicted, best.costs)
-            damping = np.clip(damping * np.where(worse, tighten, _RELAX), _LEAST, _MOST)
-            if gain > 0:
-                best, tighten = found, _TIGHTEN
-                stiff = max(_RELAX * stiff, _LEAST)
-            elif worse.any() or (best.shared.count and stiff < _MOST):
-                stiff *= tighten
-                tighten *= 2.0
-            else:
-                why = "no descent"
+    best = swept(_within(model, poses))
+    for sweep in range(1, sweeps + 1):
+        for _ in range(_MOTIONS if sweep <= _MOTION_SWEEPS else 0):
+            if motion is None or usual is None:
                 break
-            del found
-            common, cameras = best.shared.cameras.common, best.shared.cameras
-            gains = [*gains, max(gain, 0.0)][-_STALLED:]
-            stalled = len(gains) == _STALLED and sum(gains) < most * len(frames)
-            ends = (gain > 0 and settled) or (
-                stalled and expected_gain.mean() < _LOOSER[-1] * _ENOUGH
-            )
-            nearer = cameras.earlier(common).whole_frames()
-            if nearer.ahead != cameras.ahead or (common and (ends or sweep == sweeps)):
-                likelihood = likelihood.sharing(best.shared.through(nearer))
-                best = swept(_within(model, moved(best.poses, common * velocities(best.poses))))
-                ends &= nearer.ahead == cameras.ahead
-            if ends:
-                why = "converged"
-                break
-        if not likelihood.wide and best.systems.since.any():
-            likelihood = likelihood.sharing(best.shared)
-            best = swept(best.poses)
-    except _StoppedError:
-        return None
+            system, right = _system(best, motion)
+            expected = moved(best.poses, system.solve(*right)[0])
+            motion = motion.estimated(expected, system.frames.inverse_parts(), usual)
+        system, right = _system(best, motion, damping, shared_damping=stiff)
+        step, change = system.solve(*right)
+        expected_gain = 0.5 * (right[0] * step).sum(axis=1)
+        expected_gain += 0.5 * float((right[1] * change / frames_per_sample).sum())
+        most, most_once = times * _ENOUGH, times * _ENOUGH_ONCE
+        settled = expected_gain.mean() < most and expected_gain.max() < most_once
+        step, change = length * step, length * change
+        slope = float((right[0] * step).sum() + right[1] @ change)
+        ahead = best.systems.after(step, change)
+        predicted = ahead.costs.copy()
+        if sweep == 1 and predicted.mean() >= at_most:
+            raise StoppedError
+        del system  # of a long recording as large as what all frames say
+        likelihood = likelihood.sharing(best.shared.stepped(change))
+        found = swept(_within(model, moved(best.poses, step)), ahead)
+        gain = best.cost(motion) - found.cost(motion)
+        # where the parabola is lowest that has the cost's slope, and its gain at this step
+        best_length = 0.5 * length * slope / (slope - gain) if gain < slope else _LONGEST
+        length = min(max(best_length, 1.0), _LONGEST)
+        worse = found.costs > np.maximum(predicted, best.costs)
+        damping = np.clip(damping * np.where(worse, tighten, _RELAX), _LEAST, _MOST)
+        if gain > 0:
+            best, tighten = found, _TIGHTEN
+            stiff = max(_RELAX * stiff, _LEAST)
+        elif worse.any() or (best.shared.count and stiff < _MOST):
+            stiff *= tighten
+            tighten *= 2.0
+        else:
+            why = "no descent"
+            break
+        del found
+        common, cameras = best.shared.cameras.common, best.shared.cameras
+        gains = [*gains, max(gain, 0.0)][-_STALLED:]
+        stalled = len(gains) == _STALLED and sum(gains) < most * len(frames)
+        ends = (gain > 0 and settled) or (stalled and expected_gain.mean() < _LOOSER[-1] * _ENOUGH)
+        nearer = cameras.earlier(common).whole_frames()
+        if nearer.ahead != cameras.ahead or (common and (ends or sweep == sweeps)):
+            likelihood = likelihood.sharing(best.shared.through(nearer))
+            best = swept(_within(model, moved(best.poses, common * velocities(best.poses))))
+            ends &= nearer.ahead == cameras.ahead
+        if ends:
+            why = "converged"
+            break
+    if not likelihood.wide and best.systems.since.any():
+        likelihood = likelihood.sharing(best.shared)
+        best = swept(best.poses)
     covariance, shared = _reported_covariance(best, motion)
     return WholeEstimate(best.poses, covariance, best.costs, sweep, why, best.shared, shared)
 
@@ -382,13 +381,8 @@ def fit_size(
     person = PersonChange(size, every, size.deviations(size.model.scale))
     frames = ChosenFrames(problems, person, repeated)
     found = estimate_whole(frames, range(len(problems)), np.array(poses))
-    assert found is not None, "nobody stops it"
     assert found.scale is not None, "something is free"
     return found.scale, found.poses
-
-
-class _StoppedError(Exception):
-    """Asked to."""
 
 
 def _reported_covariance(

@@ -13,9 +13,9 @@ from handtrack.observation.observation import Observation
 from handtrack.parallel import one_blas_thread
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.cameras import OUTLINE, CameraChanges
-from handtrack.tracking.size.estimate import estimate_whole
+from handtrack.tracking.size.estimate import StoppedError, estimate_whole
 from handtrack.tracking.size.person import SIZE_BANDS_MM, PersonChange, Subject
-from handtrack.tracking.whole.likelihood import RecordingLikelihood, measured_outlines
+from handtrack.tracking.whole.likelihood import Recording, RecordingLikelihood, measured_outlines
 
 
 @one_blas_thread
@@ -39,6 +39,7 @@ def fit_person(
         Is called with the share that is done.
     """
     observed, current = {one.frame: replace(one, images=()) for one in seen}, np.array(poses)
+    settings = settings.with_values({"tracker.smoothing": 0.0})
     gaps = np.diff([one.time_s for one in seen])
     seconds = float(np.median(gaps)) if len(gaps) else 1.0
     scale, cameras = None, CameraChanges.of(seen).finding(OUTLINE)
@@ -47,18 +48,21 @@ def fit_person(
         person = PersonChange.of(model, list(zip(seen, places, strict=True)), subject)
         if not person.count:
             return None
+        narrowed = settings.with_values({"silhouettes.bands_mm": (band,)})
+        recording = Recording(model, narrowed, lambda frame, bones: observed[frame])
         frames = RecordingLikelihood(
-            model, settings.with_values({"tracker.smoothing": 0.0, "silhouettes.bands_mm": (band,)}),
-            lambda frame, bones: observed[frame], dict(zip(observed, current, strict=True)), seconds,
+            recording, dict(zip(observed, current, strict=True)), seconds,
             cameras=cameras, person=person, follows=False, wide=stage + 1 < len(SIZE_BANDS_MM),
         )  # fmt: skip
         frames = replace(frames, outline_mm=measured_outlines(frames, list(observed), current))
-        found = estimate_whole(
-            frames, list(observed), current, should_stop,
-            lambda share, stage=stage: report((stage + share) / len(SIZE_BANDS_MM)),
-        )  # fmt: skip
-        if found is None or found.scale is None:
+        try:
+            found = estimate_whole(
+                frames, list(observed), current, should_stop,
+                lambda share, stage=stage: report((stage + share) / len(SIZE_BANDS_MM)),
+            )  # fmt: skip
+        except StoppedError:
             return None
+        assert found.scale is not None, "something is free"
         scale, current, cameras = found.scale, found.poses, found.cameras
         model = subject.build(scale)
     return scale

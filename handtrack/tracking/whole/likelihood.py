@@ -130,9 +130,8 @@ class RecordingLikelihood:
     cost is one function throughout.
     """
 
-    model: ArticulatedModel
-    settings: TrackerSettings
-    observe: Observe
+    recording: Recording
+    """whose keyframes are there as exactly as a hand sets them, and of whose `cameras` it is known what they are off by"""
     around: Mapping[int, Floats[P]]
     """solver parameters by frame"""
     seconds: float
@@ -156,10 +155,6 @@ class RecordingLikelihood:
     last (`new_share`)"""
     frames_later: dict[int, Mapping[str, float]] = field(default_factory=dict)
     """of each frame that was read, by camera, and of its cloud"""
-    known: tuple[CameraError, ...] = ()
-    """of cameras that stay as an earlier estimate found them"""
-    held: Mapping[int, Floats[P]] = field(default_factory=dict)
-    """solver parameters by frame of poses that a person set: they are there as exactly as a hand sets them"""
     _held: OrderedDict[int, FrameLikelihood] = field(init=False, default_factory=OrderedDict)
 
     def of(self, frame: int) -> FrameLikelihood:
@@ -180,9 +175,15 @@ class RecordingLikelihood:
             found._held = self._held
         return found
 
-    def by(self, model: ArticulatedModel, poses: Mapping[int, Floats[P]]) -> RecordingLikelihood:
-        """Return the frames around other poses of another person's model, who is known from now on."""
-        return replace(self, model=model, around=poses, person=None)
+    @property
+    def model(self) -> ArticulatedModel:
+        """The recording's."""
+        return self.recording.model
+
+    @property
+    def settings(self) -> TrackerSettings:
+        """The recording's."""
+        return self.recording.settings
 
     @property
     def shared(self) -> Shared:
@@ -203,9 +204,9 @@ class RecordingLikelihood:
 
     def _observed(self, frame: int, bones: BonePoses) -> Observation:
         """Return what was seen beside a frame: of cameras that are late, later images."""
-        seen = self.observe(frame, bones)
-        changes = self.cameras
-        if self.known:
+        observe, changes = self.recording.observe, self.cameras
+        seen = observe(frame, bones)
+        if self.recording.cameras:
             by_name = {name: round(late) for name, late in self._late(seen).items()}
         else:
             names, frames = (*changes.names, CLOUD_NAME), (*changes.ahead, changes.cloud_ahead)
@@ -213,13 +214,14 @@ class RecordingLikelihood:
         for name, ahead in by_name.items():
             if ahead:
                 then = frame + ahead
-                later = self.observe(then, bones) if then in self.around else Observation(then, 0.0)
+                later = observe(then, bones) if then in self.around else Observation(then, 0.0)
                 seen = _exchanged(seen, later, name)
         return seen
 
     def _late(self, seen: Observation) -> Mapping[str, float]:
         """Return how late cameras are that are known, and the cloud [frames]."""
-        return replace(seen, frames_later={one.name: one.late_frames for one in self.known}).later
+        late = {one.name: one.late_frames for one in self.recording.cameras}
+        return replace(seen, frames_later=late).later
 
     def elsewhere(
         self, poses: Mapping[int, Floats[P]], silent: frozenset[int], poor: frozenset[int]
@@ -234,6 +236,7 @@ class RecordingLikelihood:
 
     def _read(self, frame: int) -> FrameLikelihood:
         model, settings, pose = self.model, self.settings, self.around[frame]
+        known, held = self.recording.cameras, self.recording.keyframes
         if frame in self.poor:
             settings = poor_cloud_settings(settings)
         once, prior = min(self.seconds / NEW_POSE_S, 1.0), settings.prior
@@ -248,17 +251,17 @@ class RecordingLikelihood:
             beside = [n for n in (frame - 1, frame, frame + 1) if n in self.around]
             speed = velocities(np.array([self.around[n] for n in beside]))[beside.index(frame)]
             own = {CLOUD_NAME: later[CLOUD_NAME]}
-            if self.known:
+            if known:
                 late = self._late(observation).items()
                 own = {name: later.get(name, 0.0) + round(by) - by for name, by in late}
                 # a camera at a time of its own takes twice as long
                 own = {name: by for name, by in own.items() if abs(by) > IN_STEP}
             terms = at_camera_times(terms, own, pose, speed)
-        terms = _corrected(terms, self.known)
-        if frame in self.held:
+        terms = _corrected(terms, known)
+        if frame in held:
             sigma = np.full(len(model.parameter_names), _SET_RAD)
             sigma[:3] = _SET_M
-            pull = GaussianPrior(model.joint_params(self.held[frame]), sigma, "keyframe")
+            pull = GaussianPrior(model.joint_params(held[frame]), sigma, "keyframe")
             terms = replace(terms, priors=(*terms.priors, pull))
         terms = terms.sharpened(bones)
         terms = terms.with_outlines(self.outline_mm)

@@ -1,15 +1,16 @@
-"""The recording-level estimate: each frame again, by those before and after it, as a list of passes over one immutable estimate."""
+"""The recording-level estimate: each frame again, by those before and after it, one pass after the other."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, C, F, Floats, K, P, array_dataclass, evenly_spread, runs
+from handtrack.arrays import D3, Array, C, F, Floats, K, P, evenly_spread, runs
 from handtrack.geometry.rotation import closest_equivalent
+from handtrack.model.articulated import HandScale
 from handtrack.model.pose_changes import TURN
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import in_parallel, one_blas_thread
@@ -21,7 +22,7 @@ from handtrack.tracking.frame.frame_terms import by_camera
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.frame_solve import POOR, poor_agreement
 from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, CameraChanges
-from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
+from handtrack.tracking.size.estimate import StoppedError, WholeEstimate, estimate_whole
 from handtrack.tracking.size.frame_systems import by_change, terms_of
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.whole.alternatives import with_alternatives
@@ -71,51 +72,6 @@ _LATE_SAMPLES = 40
 """frames, evenly spread, that are looked at"""
 
 
-@array_dataclass
-class RecordingEstimate:
-    """What is known of a recording after a pass."""
-
-    recording: Recording
-    tracked: Sequence[FrameResult]
-    """as they came, frame after frame, ascending"""
-    likelihood: RecordingLikelihood
-    """what frames say, and what they share"""
-    poses: Floats[F, P]
-    """solver parameters"""
-    trellis: Trellis | None = None
-    """modes of each frame, joined; `poses` lie on its Viterbi path"""
-    solution: WholeEstimate | None = None
-    """all poses, and what they share, found together"""
-    calibrated: WholeEstimate | None = None
-    """the solution that corrected the cameras"""
-    hypotheses: tuple[WholeEstimate, ...] = ()
-    """trajectories refined as a whole, the best first"""
-    results: tuple[FrameResult, ...] = ()
-
-    @property
-    def frames(self) -> list[int]:
-        return [result.frame for result in self.tracked]
-
-    @property
-    def solved(self) -> WholeEstimate:
-        """The solution, after `descend`."""
-        assert self.solution is not None, "passes come in order"
-        return self.solution
-
-    @property
-    def refinement(self) -> Refinement:
-        """What all frames share, after `descend`."""
-        return Refinement.of(self.solved, self.calibrated)
-
-    @property
-    def duration_s(self) -> float:
-        return self.likelihood.seconds * len(self.tracked)
-
-
-Pass = Callable[[RecordingEstimate], RecordingEstimate | None]
-"""None: stopped"""
-
-
 @one_blas_thread
 def refine(recording: Recording, tracked: Sequence[FrameResult]) -> list[FrameResult]:
     """Return frames that follow one another at the poses that are most probable together.
@@ -134,27 +90,52 @@ def refine(recording: Recording, tracked: Sequence[FrameResult]) -> list[FrameRe
     list
         `tracked` itself where the hand was found in too few frames, or when stopped.
     """
-    posed = recording.keyframes or recording.pinned
+    held, posed = recording.keyframes, [*recording.keyframes, *recording.pinned]
     begun = with_keyframes(recording, tracked) if posed else tracked
     if sum(result.status != Status.LOST for result in begun) < _FEWEST:
         return list(tracked)
-    estimate: RecordingEstimate | None = bridge_gaps(recording, begun)
-    for one in PASSES:
-        estimate = one(estimate)
-        if estimate is None or recording.control.should_stop():
-            return list(tracked)
-    results = estimate.results
-    if posed:
-        found = replace(
-            recording, model=estimate.likelihood.model, cameras=estimate.refinement.cameras
-        )
-        free = [result for result in results if result.frame not in recording.keyframes]
-        again = refine_near(found, free, [*recording.keyframes, *recording.pinned])
-        results = {r.frame: r for r in (*results, *again)}.values()
-    return [result for result in results if result.frame not in recording.keyframes]
+    try:
+        found, results = _refined(replace(recording, cameras=()), begun)
+    except StoppedError:
+        return list(tracked)
+    free = [result for result in results if result.frame not in held]
+    again = refine_near(found, free, posed) if posed else []
+    results = {r.frame: r for r in (*free, *again)}.values()
+    return [result for result in results if result.frame not in held]
 
 
-def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> RecordingEstimate:
+def _refined(
+    recording: Recording, tracked: Sequence[FrameResult]
+) -> tuple[Recording, Sequence[FrameResult]]:
+    """Return the recording with the person and the cameras that were found, and its frames. Raises StoppedError."""
+    control, numbers = recording.control, [result.frame for result in tracked]
+    likelihood, poses = bridge_gaps(recording, tracked)
+    likelihood, poses, trellis = choose_modes(likelihood, tracked, poses)
+    likelihood = open_shared_parameters(likelihood, tracked)
+    calibrated = estimate_whole(
+        likelihood, numbers, poses, control.should_stop, control.observer.progress
+    )
+    calibrated = correct_cameras(likelihood, numbers, calibrated)
+    likelihood, solution = let_outliers_go(likelihood, numbers, calibrated)
+    hypotheses = flip_limbs(likelihood, numbers, solution)
+    refinement = Refinement.of(hypotheses[0], calibrated)
+    if control.should_stop():
+        raise StoppedError
+    control.observer.shared(refinement.text)
+    likelihood, results = assess_frames(likelihood, tracked, hypotheses[0], refinement.scale)
+    weights = trajectory_weights(likelihood, hypotheses).tolist()
+    results = with_alternatives(
+        likelihood.model, results, trellis, likelihood.settings.tracker.hypotheses,
+        list(zip(hypotheses, weights, strict=True)),
+    )  # fmt: skip
+    if control.should_stop():
+        raise StoppedError
+    return replace(likelihood.recording, cameras=refinement.cameras), results
+
+
+def bridge_gaps(
+    recording: Recording, tracked: Sequence[FrameResult]
+) -> tuple[RecordingLikelihood, Floats[F, P]]:
     """Return where the estimate begins: tracked poses, and between them straight on where the hand was lost."""
     solver_params = recording.model.solver_params
     lost = frozenset(r.frame for r in tracked if r.status == Status.LOST)
@@ -165,150 +146,119 @@ def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> Recordi
         np.array([number not in lost for number in numbers]),
     )
     around = dict(zip(numbers, poses, strict=True))
-    likelihood = RecordingLikelihood(
-        recording.model, recording.settings, recording.observe, around, frame_seconds(tracked), silent=lost, held=recording.keyframes,
-    )  # fmt: skip
+    likelihood = RecordingLikelihood(recording, around, frame_seconds(tracked), silent=lost)
     outlines = measured_outlines(likelihood, [numbers[n] for n in found], poses[found])
     likelihood = replace(likelihood, outline_mm=outlines)
-    likelihood = replace(likelihood, new=new_share(likelihood, numbers, poses))
-    return RecordingEstimate(recording, tracked, likelihood, poses)
+    return replace(likelihood, new=new_share(likelihood, numbers, poses)), poses
 
 
-def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate | None:
-    """Return the estimate on the Viterbi path through the modes of its frames."""
-    tracked, numbers = estimate.tracked, estimate.frames
-    search = ModeSearch(estimate.likelihood, tracked, estimate.poses, estimate.recording.control)
+def choose_modes(
+    likelihood: RecordingLikelihood, tracked: Sequence[FrameResult], poses: Floats[F, P]
+) -> tuple[RecordingLikelihood, Floats[F, P], Trellis]:
+    """Return what frames say on the Viterbi path through their modes, and this path. Raises StoppedError."""
+    numbers = [result.frame for result in tracked]
+    search = ModeSearch(likelihood, tracked, poses, likelihood.recording.control)
     gathered = search.gathered()
     if gathered is None:
-        return None
+        raise StoppedError
     trellis = search.with_observed_change(gathered)
     path = [row[k] for row, k in zip(trellis.minima, trellis.best.tolist(), strict=True)]
     bridged = {n for n, one in zip(numbers, path, strict=True) if one.origin == "bridged"}
     poses = trellis.path(trellis.best)
-    poor = _poor_still(estimate.likelihood, tracked, poses)
+    poor = _poor_still(likelihood, tracked, poses)
     changed = [n for n, one in enumerate(path) if one.origin != "tracked"]
-    likelihood = estimate.likelihood.elsewhere(
-        {numbers[n]: poses[n] for n in changed}, estimate.likelihood.silent & bridged, frozenset(numbers[n] for n in poor)
+    likelihood = likelihood.elsewhere(
+        {numbers[n]: poses[n] for n in changed}, likelihood.silent & bridged, frozenset(numbers[n] for n in poor)
     )  # fmt: skip
     for n in poor:
         before = likelihood.model.solver_params(tracked[n].parameters)
         poses[n] = min(poses[n], before, key=lambda pose: likelihood.of(numbers[n]).at(pose).cost)
-    return replace(estimate, likelihood=likelihood, poses=poses, trellis=trellis)
+    return likelihood, poses, trellis
 
 
-def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
-    """Return the estimate in which what some frames tell of the person and of the cameras' times and masks is to be found."""
-    likelihood, subject = estimate.likelihood, estimate.recording.subject
-    found = [r.frame for r in estimate.tracked if r.status != Status.LOST]
-    samples = _samples(likelihood, found)
+def open_shared_parameters(
+    likelihood: RecordingLikelihood, tracked: Sequence[FrameResult]
+) -> RecordingLikelihood:
+    """Return the frames of which what some tell of the person and of the cameras' times and masks is to be found."""
+    subject, found = likelihood.recording.subject, [r for r in tracked if r.status != Status.LOST]
+    samples = _samples(likelihood, [result.frame for result in found])
     if subject is not None and samples:
         likelihood = replace(likelihood, person=PersonChange.of(likelihood.model, samples, subject))
     points = [one for seen, _ in samples for one in seen.keypoints]
     detected = any(isinstance(one, ImageKeypoints) for one in points)
     likelihood = replace(likelihood, wide=detected and likelihood.model.kind == "hand")
-    timed = estimate.duration_s >= NEW_POSE_S
-    later = [likelihood.frames_later[frame] for frame in estimate.frames]  # `new_share` read all
+    timed = likelihood.seconds * len(tracked) >= NEW_POSE_S
+    later = [likelihood.frames_later[result.frame] for result in tracked]  # `new_share` read all
     cameras = CameraChanges.of([one for one, _ in samples], later)
     cameras = cameras.finding(OUTLINE | TIME if timed else OUTLINE)
-    return replace(estimate, likelihood=likelihood.sharing(likelihood.shared.through(cameras)))
+    return likelihood.sharing(likelihood.shared.through(cameras))
 
 
-def descend(estimate: RecordingEstimate) -> RecordingEstimate | None:
-    """Return the estimate at the least cost nearby, of all poses and of what they share."""
-    control = estimate.recording.control
-    found = estimate_whole(
-        estimate.likelihood,
-        estimate.frames,
-        estimate.poses,
-        control.should_stop,
-        control.observer.progress,
-    )
-    return found and replace(estimate, solution=found, calibrated=found)
-
-
-def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
-    """Return the estimate with cameras corrected, where that explains more than as many numbers would of nothing."""
-    found, control, numbers = estimate.solved, estimate.recording.control, estimate.frames
-    if not found.cameras.count or estimate.duration_s < _MOVED_S:
-        return estimate
+def correct_cameras(
+    likelihood: RecordingLikelihood, numbers: Sequence[int], found: WholeEstimate
+) -> WholeEstimate:
+    """Return the estimate with cameras corrected, where that explains more than as many numbers would of nothing; else the given one."""
+    control = likelihood.recording.control
+    if not found.cameras.count or likelihood.seconds * len(numbers) < _MOVED_S:
+        return found
     cameras = found.cameras.finding(ALL)
-    likelihood = estimate.likelihood.sharing(found.shared.through(cameras))
+    likelihood = likelihood.sharing(found.shared.through(cameras))
     nearest = _nearest_images(likelihood, numbers, found.poses)
     likelihood = likelihood.sharing(found.shared.through(nearest))
     asked = _asked_gain(cameras)
     at_most = float(found.costs.mean()) - _EXPECTED * asked
-    tried = estimate_whole(
-        likelihood, numbers, found.poses, control.should_stop, sweeps=_TRIED, at_most=at_most
-    )
-    if tried is None or tried.costs.mean() >= at_most:
-        return estimate
+    try:
+        tried = estimate_whole(
+            likelihood, numbers, found.poses, control.should_stop, sweeps=_TRIED, at_most=at_most
+        )
+    except StoppedError:
+        return found
+    if tried.costs.mean() >= at_most:
+        return found
     again = estimate_whole(
         likelihood.sharing(tried.shared), numbers, tried.poses, control.should_stop, control.observer.progress
     )  # fmt: skip
-    if again is None or found.costs.mean() - again.costs.mean() <= asked:
-        return estimate
-    return replace(estimate, solution=again, calibrated=again)
+    return found if found.costs.mean() - again.costs.mean() <= asked else again
 
 
-def let_outliers_go(estimate: RecordingEstimate) -> RecordingEstimate | None:
+def let_outliers_go(
+    likelihood: RecordingLikelihood, numbers: Sequence[int], found: WholeEstimate
+) -> tuple[RecordingLikelihood, WholeEstimate]:
     """Return the estimate once detected joints far off the model no longer pull, cameras standing where they were found."""
-    if not estimate.likelihood.wide:  # a body's are never let go: one descent finds all
-        return estimate
-    found, control = estimate.solved, estimate.recording.control
+    if not likelihood.wide:  # a body's are never let go: one descent finds all
+        return likelihood, found
+    control = likelihood.recording.control
     masks = found.shared.through(found.cameras.finding(OUTLINE))
-    likelihood = replace(estimate.likelihood.sharing(masks), wide=False)
-    again = estimate_whole(
-        likelihood, estimate.frames, found.poses, control.should_stop, control.observer.progress
+    likelihood = replace(likelihood.sharing(masks), wide=False)
+    return likelihood, estimate_whole(
+        likelihood, numbers, found.poses, control.should_stop, control.observer.progress
     )
-    return again and replace(estimate, likelihood=likelihood, solution=again)
 
 
-def flip_limbs(estimate: RecordingEstimate) -> RecordingEstimate:
-    """Return the estimate on the best of the trajectories that one camera's joints leave open, where several are asked for."""
-    count, likelihood = estimate.likelihood.settings.tracker.hypotheses, estimate.likelihood
+def flip_limbs(
+    likelihood: RecordingLikelihood, numbers: Sequence[int], found: WholeEstimate
+) -> list[WholeEstimate]:
+    """Return the trajectories that one camera's joints leave open, the best first, where several are asked for; else the given one."""
+    count = likelihood.settings.tracker.hypotheses
     if count <= 1 or likelihood.new > MOSTLY_NEW:
-        return estimate
-    several = trajectory_hypotheses(
-        likelihood, estimate.solved, estimate.frames, count, estimate.recording.control
-    )
-    return replace(estimate, hypotheses=tuple(several), solution=several[0])
+        return [found]
+    return trajectory_hypotheses(likelihood, found, numbers, count, likelihood.recording.control)
 
 
-def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
-    """Return the estimate with each frame's result, of the person and by the cameras that were found; these are reported."""
-    found, subject, refinement = estimate.solved, estimate.recording.subject, estimate.refinement
-    estimate.recording.control.observer.shared(refinement.text)
-    likelihood = estimate.likelihood.sharing(found.shared)
-    if subject is not None and refinement.scale is not None:
-        model = subject.build(refinement.scale)
-        likelihood = likelihood.by(model, dict(zip(estimate.frames, found.poses, strict=True)))
-    tracked = estimate.tracked
+def assess_frames(
+    likelihood: RecordingLikelihood,
+    tracked: Sequence[FrameResult],
+    found: WholeEstimate,
+    scale: HandScale | None,
+) -> tuple[RecordingLikelihood, list[FrameResult]]:
+    """Return each frame's result, of the person and by the cameras that were found."""
+    recording, likelihood = likelihood.recording, likelihood.sharing(found.shared)
+    if recording.subject is not None and scale is not None:
+        recording = replace(recording, model=recording.subject.build(scale))
+        around = dict(zip((r.frame for r in tracked), found.poses, strict=True))
+        likelihood = replace(likelihood, recording=recording, around=around, person=None)
     results = in_parallel(lambda n: _result(likelihood, found, n, tracked), range(len(tracked)))
-    return replace(estimate, likelihood=likelihood, results=tuple(results))
-
-
-def keep_alternatives(estimate: RecordingEstimate) -> RecordingEstimate:
-    """Return the estimate whose frames have the other poses that all frames together leave open, and are as unsure."""
-    assert estimate.trellis is not None, "passes come in order"
-    likelihood = estimate.likelihood
-    weights = trajectory_weights(likelihood, estimate.hypotheses)
-    results = with_alternatives(
-        likelihood.model, estimate.results, estimate.trellis, likelihood.settings.tracker.hypotheses,
-        list(zip(estimate.hypotheses, weights.tolist(), strict=True)),
-    )  # fmt: skip
-    return replace(estimate, results=tuple(results))
-
-
-PASSES: tuple[Pass, ...] = (
-    choose_modes,
-    open_shared_parameters,
-    descend,
-    correct_cameras,
-    let_outliers_go,
-    flip_limbs,
-    assess_frames,
-    keep_alternatives,
-)
+    return likelihood, results
 
 
 @one_blas_thread
@@ -338,12 +288,13 @@ def refine_near(
         inside = followed[first:stop]
         numbers = [result.frame for result in inside]
         poses = np.array([around[number] for number in numbers])
-        likelihood = RecordingLikelihood(
-            model, recording.settings, recording.observe, around, seconds, known=recording.cameras
-        )
+        likelihood = RecordingLikelihood(replace(recording, keyframes={}), around, seconds)
         stop_asked = recording.control.should_stop
-        whole = estimate_whole(likelihood, numbers, poses, stop_asked, sweeps=0)
-        if whole is None or stop_asked():
+        try:
+            whole = estimate_whole(likelihood, numbers, poses, stop_asked, sweeps=0)
+        except StoppedError:
+            return []
+        if stop_asked():
             return []
         found += [
             _result(likelihood, whole, n, inside)
@@ -371,7 +322,7 @@ def _samples(
     found = []
     for k in evenly_spread(len(posed), _SAMPLES):
         bones = likelihood.model.bones(likelihood.around[posed[k]])
-        found.append((likelihood.observe(posed[k], bones), bones.position.mean(axis=0)))
+        found.append((likelihood.recording.observe(posed[k], bones), bones.position.mean(axis=0)))
     return found
 
 

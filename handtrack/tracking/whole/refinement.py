@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
+import msgspec
 import numpy as np
 
 from handtrack.arrays import D3, Floats
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack.model.articulated import HandScale, ShapeCovariance
+from handtrack.model.articulated import HandScale
 from handtrack.tracking.size.cameras import NUMBERS, SHIFTED, TURNED, WIDER, ZOOMED, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate
 
@@ -137,22 +137,8 @@ class Refinement:
 
     @classmethod
     def read(cls, text: str) -> Refinement:
-        """Return what `text` holds. Raises ValueError, KeyError or TypeError for anything else."""
-        known: dict[str, Any] = json.loads(text)
-        cameras = [
-            CameraError(
-                one["name"], _three(one["turn_deg"]), _three(one["shift_mm"]), one["zoom_percent"],
-                one["late_frames"], tuple(one["std"]), one.get("wider_mm", 0.0),
-            )
-            for one in known["cameras"]
-        ]  # fmt: skip
-        scale = known.get("scale")
-        if scale is not None:
-            errors = scale.get("covariance")
-            rows = errors and tuple(map(tuple, errors["rows"]))
-            errors = errors and ShapeCovariance(tuple(errors["names"]), rows)
-            scale = HandScale(**scale | {"covariance": errors})
-        return cls(known["why"], known["sweeps"], tuple(cameras), scale)
+        """Return what `text` holds. Raises ValueError for anything else."""
+        return msgspec.convert(json.loads(text), cls)
 
     def corrected(self, camera: Camera) -> Camera:
         """Return a camera of the rig as the whole recording says it was; as it is where nothing was corrected."""

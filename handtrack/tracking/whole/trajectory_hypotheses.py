@@ -51,7 +51,7 @@ def trajectory_hypotheses(
 
     One camera leaves open on which side of the image plane a limb is, throughout: like the 2003 paper's jumps, but of whole trajectories. How
     far away everything is it leaves open too, about each of them: that is no hypothesis of its own, and the covariance contains it. Fewer
-    where there are no more, or it was stopped.
+    where there are no more. Raises StoppedError when stopped.
     """
     camera = _camera(likelihood, frames)
     if camera is None or count < 2:
@@ -69,13 +69,11 @@ def trajectory_hypotheses(
                 found = estimate_whole(
                     likelihood, frames, poses, control.should_stop, sweeps=_SWEEPS
                 )
-                if found is not None:
-                    other = replace(found, origin=f"{hypothesis.origin}, {name} flipped")
-                    hypotheses = _unlike(likelihood.model, sorted([*hypotheses, other], key=cost))[
-                        :count
-                    ]
+                other = replace(found, origin=f"{hypothesis.origin}, {name} flipped")
+                ranked = sorted([*hypotheses, other], key=cost)
+                hypotheses = _unlike(likelihood.model, ranked)[:count]
         flipped += fresh
-        if not fresh or control.should_stop():
+        if not fresh:
             break
     return hypotheses
 
