@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import tomlkit
 from tomlkit.container import Container
 from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import Array, Item, Table
+from tomlkit.items import Array, Table
 
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text
@@ -71,14 +71,7 @@ def changed_toml(text: str, changes: Mapping[str, Any]) -> str:
     document, wished = tomlkit.parse(text), tomllib.loads(text)
     try:
         for name, value in changes.items():
-            keys = name.split(".")
-            for path, item in _single(wished, keys, None if value is None else toml_item(value)):
-                table, left = _inner(wished, path)
-                if item is None:
-                    table.pop(left[0], None)
-                else:
-                    table[left[0]] = _nested(left[1:], item.unwrap())
-                _put(document, path, item)
+            _set(document, wished, name.split("."), value)
         after = document.as_string()
         stands = tomllib.loads(after)
     except (TOMLKitError, tomllib.TOMLDecodeError, TypeError, AttributeError) as error:
@@ -88,47 +81,46 @@ def changed_toml(text: str, changes: Mapping[str, Any]) -> str:
     return after
 
 
-def _single(
-    tables: Any, keys: list[str], item: Item | None
-) -> Iterator[tuple[list[str], Item | None]]:
-    """Yield what differs from the tables; a mapping where there is a table already, key by key."""
-    inner, left = _inner(tables, keys)
-    now = inner.get(left[0]) if len(left) == 1 else None
-    value = None if item is None else item.unwrap()
-    if isinstance(now, dict) and isinstance(item, Mapping):
-        for key in {**now, **item}:
-            yield from _single(tables, [*keys, key], item.get(key))
-    elif now != value or isinstance(now, bool) != isinstance(value, bool):
-        yield keys, item
-
-
-def _inner(tables: Any, keys: list[str]) -> tuple[Any, list[str]]:
-    """Return the innermost table there is on the way to a value, and the keys from there."""
-    while len(keys) > 1 and keys[0] in tables:
-        tables, table, keys = tables[keys[0]], keys[0], keys[1:]
-        in_list = isinstance(tables, list) and len(keys) > 1 and keys[0].isdecimal()
-        if in_list and int(keys[0]) < len(tables):
-            tables, table, keys = tables[int(keys[0])], f"{table}.{keys[0]}", keys[1:]
-        if not isinstance(tables, dict):
-            raise ValueError(f"'{table}' is no table")
-    return tables, keys
-
-
-def _put(document: tomlkit.TOMLDocument, keys: list[str], item: Item | None) -> None:
-    table, left = _inner(document, keys)
-    if table is document and len(left) > 1:
-        table = document[left[0]] = tomlkit.table()
-        left = left[1:]
-    now = table.get(left[0]) if len(left) == 1 else None
+def _set(table: Any, wished: dict[str, Any], keys: list[str], value: Any) -> None:
+    """Set a value in a table, and in the same one as plain Python; None removes it. Where a table stands and another is given,
+    they are changed key by key. Raises ValueError where the keys lead into what is no table.
+    """
+    is_root = True
+    while len(keys) > 1 and keys[0] in wished:
+        named, *keys = keys
+        table, inner, is_root = table[named], wished[named], False
+        in_list = isinstance(inner, list) and len(keys) > 1 and keys[0].isdecimal()
+        if in_list and int(keys[0]) < len(inner):
+            number, *keys = keys
+            table, inner, named = table[int(number)], inner[int(number)], f"{named}.{number}"
+        if not isinstance(inner, dict):
+            raise ValueError(f"'{named}' is no table")
+        wished = inner
+    key, *below = keys
+    now = None if below else wished.get(key)
+    if isinstance(now, dict) and isinstance(value, Mapping):
+        for inner_key in {**now, **value}:
+            _set(table[key], now, [inner_key], value.get(inner_key))
+        return
+    item = None if value is None else toml_item(value)
+    plain = None if item is None else item.unwrap()
+    if now == plain and isinstance(now, bool) == isinstance(plain, bool):
+        return
     if item is None:
-        del table[left[0]]
-    elif isinstance(now, Array) and isinstance(item, Array) and len(now) == len(item):
+        del table[key], wished[key]
+        return
+    wished[key] = _nested(below, plain)
+    if below and is_root:
+        table[key] = tomlkit.table()
+        table, key, *below = table[key], *below
+    stands = None if below else table.get(key)
+    if isinstance(stands, Array) and isinstance(item, Array) and len(stands) == len(item):
         for index, part in enumerate(item):  # comments between its lines stay
-            now[index] = part
-    elif len(left) > 1 and isinstance(table, Table | Container):
-        table.append(tomlkit.key(left), item)
+            stands[index] = part
+    elif below and isinstance(table, Table | Container):
+        table.append(tomlkit.key([key, *below]), item)
     else:
-        table[left[0]] = toml_item(_nested(left[1:], item))
+        table[key] = toml_item(_nested(below, item))
 
 
 def _nested(keys: list[str], value: Any) -> Any:
