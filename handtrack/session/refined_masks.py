@@ -81,7 +81,13 @@ class MaskRefinement:
         chosen = method if isinstance(method, Seeded) else Seeded()
         images = view.images
         assert images is not None
-        return chosen.learned(images, lambda frame: self.seeds(view, frame), view.settings.roi)
+        return chosen.learned(
+            len(view.session_frames(images.frames)),
+            view.image,
+            lambda frame: self.seeds(view, frame),
+            images.where,
+            view.settings.roi,
+        )
 
     def seeds(self, view: View, frame: int) -> HandSeeds | None:
         """Return where the pose of a session's frame lets the hand be expected; None where it was not tracked."""

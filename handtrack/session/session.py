@@ -54,7 +54,7 @@ from handtrack.session.sources.cached_observations import (
     most_observations,
     whole,
 )
-from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
+from handtrack.session.sources.camera_times import CameraTimes, session_times
 from handtrack.session.sources.clouds import CloudSource, cloud_source
 from handtrack.session.sources.session_pins import SessionPins
 from handtrack.session.sources.views import MaskChoice, View, scaled_camera
@@ -161,8 +161,8 @@ class Session:
     @property
     def videos(self) -> list[VideoFile]:
         """The views' videos."""
-        recordings = (recording_of(s) for view in self.views for s in view.sources)
-        return [source for source in recordings if isinstance(source, VideoFile)]
+        sources = (source for view in self.views for source in view.sources)
+        return [source for source in sources if isinstance(source, VideoFile)]
 
     @property
     def is_counted(self) -> bool:

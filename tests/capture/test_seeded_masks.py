@@ -31,7 +31,7 @@ def masks_of(drawn):
         assert found is not None
         return found
 
-    learned = Seeded().learned(drawn, seeds)
+    learned = Seeded().learned(len(drawn.frames), drawn.read, seeds)
     return [learned.mask(drawn.images[frame], seeds(frame)) for frame in TESTED]
 
 

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D3, Array, Axes, Bytes, Floats, H, N, W, evenly_spread
-from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.hand_seeds import HandSeeds
 from handtrack.capture.masks.mask_cleaning import Roi, inside_roi
 from handtrack.errors import HandtrackError
@@ -22,6 +21,8 @@ _Sample = tuple[Array, HandSeeds]
 """a sampled frame's image, and where the hand is expected in it"""
 Seeds = Callable[[int], HandSeeds | None]
 """frame → where the hand is expected in its image"""
+Read = Callable[[int], Array | None]
+"""frame → its image; None where there is none"""
 
 _WORK_PX_A_M = 700.0
 """images are looked at this coarse: a finger is 11 pixels wide; bounds the cost"""
@@ -69,16 +70,21 @@ class Seeded:
         if self.sure >= 1:
             raise ValueError(f"sure = {self.sure:g}; expected a probability above 0.5 and below 1.")
 
-    def learned(self, source: FrameSource, seeds: Seeds, roi: Roi | None = None) -> SeededMasks:
-        """Return what makes masks, after one look at sampled frames. Raises HandtrackError with fewer than 3 that show a hand."""
+    def learned(
+        self, count: int, read: Read, seeds: Seeds, where: str = "images", roi: Roi | None = None
+    ) -> SeededMasks:
+        """Return what makes masks, after one look at some of so many frames.
+
+        Raises HandtrackError with fewer than 3 that show a hand. where: the path or pattern, for that.
+        """
         samples = [
             (image, found)
-            for frame in evenly_spread(len(source.frames), self.samples)
-            if (found := seeds(frame)) is not None and (image := source.read(frame)) is not None
+            for frame in evenly_spread(count, self.samples)
+            if (found := seeds(frame)) is not None and (image := read(frame)) is not None
         ]
         if len(samples) < _LEAST_SAMPLES:
             raise HandtrackError(
-                f"{source.where}: mask method seeded learns from images in which the hand was found, at least "
+                f"{where}: mask method seeded learns from images in which the hand was found, at least "
                 f"{_LEAST_SAMPLES} of {self.samples}; found {len(samples)}. `handtrack detect SESSION --write` finds joints."
             )
         return SeededMasks(self, samples, roi)

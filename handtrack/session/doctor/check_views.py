@@ -16,7 +16,6 @@ from handtrack.capture.images.synchrony import ImageMotion, TimeOffset, time_off
 from handtrack.capture.images.video import VideoFile
 from handtrack.geometry.camera import Camera
 from handtrack.session.session import Session
-from handtrack.session.sources.camera_times import recording_of
 from handtrack.session.sources.views import View
 
 SEVERITIES = ("ok", "note", "warning", "error")
@@ -56,7 +55,7 @@ def check_view(view: View, session: Session) -> Iterator[Finding]:
             )
         return
     for kind, source in _sources(view):
-        yield from _check_source(view, kind, recording_of(source))
+        yield from _check_source(view, kind, source)
     yield from _check_joined(view, session)
     yield from check_rate(view, session)
     if view.depth is not None:
@@ -71,7 +70,7 @@ def check_lengths(session: Session) -> Iterator[Finding]:
     """Yield a finding when cameras end at different frames."""
     counts: dict[str, int] = {}
     for view in session.views:
-        kinds = {kind: len(source.frames) for kind, source in _sources(view)}
+        kinds = {kind: len(view.session_frames(source.frames)) for kind, source in _sources(view)}
         if len(set(kinds.values())) > 1:
             counts |= {f"camera '{view.name}', {kind}": count for kind, count in kinds.items()}
         elif kinds:
@@ -107,8 +106,7 @@ def _sources(view: View) -> list[tuple[str, FrameSource]]:
 
 def check_rate(view: View, session: Session) -> Iterator[Finding]:
     """Yield that a camera's video says another frame rate than is reckoned with."""
-    source = None if view.images is None else recording_of(view.images)
-    rate = source.nominal_fps if isinstance(source, VideoFile) else 0.0
+    rate = view.images.nominal_fps if isinstance(view.images, VideoFile) else 0.0
     named, expected = "the session", session.fps
     if view.settings.fps is not None:
         named, expected = "session.toml", view.settings.fps
@@ -429,7 +427,7 @@ def _motions(view: View, source: FrameSource, count: int) -> tuple[ImageMotion, 
         else (count // 3 - long // 2, 2 * count // 3 - long // 2)
     )
     first, second = (
-        ImageMotion(view.camera, (source.read(frame) for frame in range(start, start + long)))
+        ImageMotion(view.camera, (view.read(source, frame) for frame in range(start, start + long)))
         for start in starts
     )
     return first, second

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Array, Axes, H, W, array_dataclass
-from handtrack.capture.images.frames import DerivedFrames, FrameSource
+from handtrack.arrays import array_dataclass
 from handtrack.session.formats.timestamps import FrameTimes, read_timestamps
 from handtrack.session.layout import SESSION_FILE, matching_files
 from handtrack.session.session_file import CameraSettings, RecordingSettings
@@ -59,36 +58,6 @@ class CameraTimes:
     def frames(self, own: range) -> range:
         """Return the session's frames from 0 to the one that shows the last of the camera's."""
         return range(self.line.nearest(self.own.time_of(own.stop - 1)) + 1) if own else own
-
-
-class JoinedByTime(DerivedFrames):
-    """A camera's images by the session's frames."""
-
-    def __init__(self, recording: FrameSource, times: CameraTimes) -> None:
-        """recording: by the camera's own frames."""
-        super().__init__(recording, self._own)
-        self._times = times
-
-    @property
-    def frames(self) -> range:
-        return self._times.frames(self.source.frames)
-
-    @property
-    def known_frames(self) -> range:
-        return self._times.frames(self.source.known_frames)
-
-    def has(self, frame: int) -> bool:
-        own = self._times.own_frame(frame)
-        return own is not None and self.source.has(own)
-
-    def _own(self, frame: int) -> Array[H, W, *Axes] | None:
-        own = self._times.own_frame(frame)
-        return None if own is None else self.source.read(own)
-
-
-def recording_of(source: FrameSource) -> FrameSource:
-    """Return a source by the camera's own frames."""
-    return source.source if isinstance(source, JoinedByTime) else source
 
 
 def session_times(

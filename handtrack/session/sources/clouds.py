@@ -116,7 +116,10 @@ def _files(files: Mapping[int, Path], rig: CameraRig, world_unit_m: float) -> Cl
 
 def _length_warning(first: View, second: View) -> str:
     """Return that a pair's recordings end at different frames; empty when they do not."""
-    lengths = [0 if v.images is None else len(v.images.known_frames) for v in (first, second)]
+    lengths = [
+        0 if v.images is None else len(v.session_frames(v.images.known_frames))
+        for v in (first, second)
+    ]
     if lengths[0] == lengths[1]:
         return ""
     return (

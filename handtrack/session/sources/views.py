@@ -44,7 +44,7 @@ from handtrack.parallel import LRUCache
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.session_file import CameraSettings, missing_counterpart
 from handtrack.session.sources.cached_observations import CroppedMask, most_masks
-from handtrack.session.sources.camera_times import CameraTimes, JoinedByTime, recording_of
+from handtrack.session.sources.camera_times import CameraTimes
 from handtrack.session.sources.corrected_masks import CorrectedMasks
 from handtrack.session.sources.keypoint_files import KeypointFiles
 from handtrack.session.sources.video_audits import read_audit
@@ -105,7 +105,7 @@ class View:
         self._lens, self._view = self._lens_and_view()
         recorded = self._source("images")
         self.images = recorded if live is None else live
-        self._taught_by = None if recorded is None else recording_of(recorded)
+        self._taught_by = recorded
         self._said_unknown = settings.mask_unknown
         self._is_live = live is not None
         self._computed = LRUCache[int, CroppedMask | None]()
@@ -141,10 +141,6 @@ class View:
         changed = copy(self)
         changed.camera, changed.times, changed._computed = camera, times, LRUCache()
         changed.settings = replace(self.settings, lag_s=lag_s)
-        changed.images, changed.mask_files, changed.depth = (
-            None if source is None else changed._by_time(recording_of(source))
-            for source in (self.images, self.mask_files, self.depth)
-        )
         changed.keypoint_files = changed._keypoint_files()
         return changed
 
@@ -156,9 +152,21 @@ class View:
         """Return the camera's own frame that shows a session's frame; None where none does."""
         return frame if self.times is None else self.times.own_frame(frame)
 
+    def session_frames(self, own: range) -> range:
+        """Return the session's frames from 0 to the one that shows the last of the camera's own."""
+        return own if self.times is None else self.times.frames(own)
+
+    def read(self, source: FrameSource, frame: int) -> Array | None:
+        """Return what one of `sources` shows at a session's frame; None where that is missing."""
+        own = self.own_frame(frame)
+        try:
+            return None if own is None else source.read(own)
+        except MemoryError as error:
+            raise not_enough_memory(f"Frame {frame} of camera '{self.name}'", error) from None
+
     @property
     def sources(self) -> tuple[FrameSource, ...]:
-        """Images, masks and depth, as far as there are any."""
+        """Images, masks and depth by the camera's own frames, as far as there are any."""
         return tuple(s for s in (self.images, self.mask_files, self.depth) if s is not None)
 
     @property
@@ -185,7 +193,7 @@ class View:
 
     def image(self, frame: int) -> Array[H, W, D3] | None:
         """Return the frame's image uint8 BGR, None where missing."""
-        return None if self.images is None else self._read(self.images, frame)
+        return None if self.images is None else self.read(self.images, frame)
 
     def mask(self, frame: int) -> Bytes[H, W] | None:
         """Return the frame's mask uint8, read or computed, and corrected; None where missing. See `unknown_at`."""
@@ -196,7 +204,7 @@ class View:
     def uncorrected_mask(self, frame: int) -> Bytes[H, W] | None:
         """Return the frame's mask uint8, read or computed, as it is without any correction; None where missing."""
         if self.mask_files is not None:
-            return self._read(self.mask_files, frame)
+            return self.read(self.mask_files, frame)
         if self._is_live:  # frames count anew when it begins again
             return self._segmented(frame)
 
@@ -210,7 +218,7 @@ class View:
     def _segmented(self, frame: int) -> Bytes[H, W] | None:
         """Return the mask that the method computes."""
         source, own = self._segmented_source, self.own_frame(frame)
-        image = None if source is None else self._read(source, frame)
+        image = None if source is None else self.read(source, frame)
         if image is None or own is None:
             return None
         with self._learning:
@@ -232,7 +240,7 @@ class View:
 
     def depth_m(self, frame: int) -> Array[H, W] | None:
         """Return the frame's depth float64 [m], 0 where not measured; None where missing."""
-        image = None if self.depth is None else self._read(self.depth, frame)
+        image = None if self.depth is None else self.read(self.depth, frame)
         return None if image is None else image * np.float64(self.settings.depth_scale_m or 1.0)
 
     def hand_pixels(self, frame: int) -> Bytes[H, W] | None:
@@ -267,14 +275,7 @@ class View:
 
     def _count(self, frames: Iterable[range]) -> int:
         joints = range(0) if self.keypoint_files is None else self.keypoint_files.frames
-        joints = joints if self.times is None else self.times.frames(joints)
-        return max(map(len, (joints, *frames)))
-
-    def _read(self, source: FrameSource, frame: int) -> Array | None:
-        try:
-            return source.read(frame)
-        except MemoryError as error:
-            raise not_enough_memory(f"Frame {frame} of camera '{self.name}'", error) from None
+        return max(len(self.session_frames(own)) for own in (joints, *frames))
 
     def _mask_files(self) -> FrameSource | None:
         return self._source("masks")
@@ -317,7 +318,8 @@ class View:
                 "`handtrack detect SESSION --write` finds them."
             )
         seeds_at = partial(_seeds_of_frame, self.keypoint_files)
-        masks = method.learned(source, seeds_at, self.settings.roi)
+        count, roi = len(source.frames), self.settings.roi
+        masks = method.learned(count, source.read, seeds_at, source.where, roi)
 
         def mask(image: Array, own_frame: int) -> Bytes | None:
             seeds = seeds_at(own_frame)
@@ -372,10 +374,7 @@ class View:
         source = self._recording(key, setting)
         if self._lens is not None:
             source = _straightened(source, self._lens, self._view)
-        return self._by_time(source)
-
-    def _by_time(self, source: FrameSource) -> FrameSource:
-        return source if self.times is None else JoinedByTime(source, self.times)
+        return source
 
     def _recording(self, key: str, setting: str) -> FrameSource:
         folder, where = self._folder, f"{self._where}, {key}"
