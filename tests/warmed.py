@@ -13,4 +13,4 @@ from tests.app.command_line import small_recording
 
 with tempfile.TemporaryDirectory() as folder:
     run = TrackingRun.open(Session.open(small_recording(Path(folder) / "small", frames=2)), {})
-    list(track_session(run, request_for(run, range(2), from_init=True)))
+    list(track_session(*request_for(run, range(2), from_init=True)))

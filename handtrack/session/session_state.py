@@ -60,18 +60,6 @@ class Correction(msgspec.Struct, frozen=True):
     """from a frame beside, not painted there"""
 
 
-class FramePins(msgspec.Struct, frozen=True):
-    """A frame's pins."""
-
-    pins: tuple[Pin, ...]
-
-
-class CloudTable(msgspec.Struct, frozen=True):
-    """The table [clouds]; None: there is none."""
-
-    table: dict[str, Any] | None
-
-
 class CameraCorrection(msgspec.Struct, frozen=True):
     """A camera's error against calibration.toml and `lag_s`, which counts as corrected."""
 
@@ -114,9 +102,9 @@ class DecidedSize:
         return cls(scale_from(parts, where), bool(table.get("pending", False)), before)
 
 
-def _own_form(default: Any, of: Callable[[Any], Any], write: Callable[[Any], Value]) -> Any:
-    """Return a field whose form in the store is not that of its type."""
-    return field(default=default, metadata={"read": of, "write": write})
+def _own_form(of: Callable[[Any], Any], write: Callable[[Any], Value], **default: Any) -> Any:
+    """Return a field whose form in the store is not that of its type; of a table, that of its entries."""
+    return field(metadata={"read": of, "write": write}, **default)
 
 
 Frames = tuple[tuple[int, int], ...]
@@ -140,19 +128,29 @@ class SessionState:
     """by camera and its own frame"""
     camera: Mapping[str, CameraCorrection] = field(default_factory=dict)
     """by name"""
-    pins: Mapping[int, FramePins] = field(default_factory=dict)
-    size: DecidedSize | None = _own_form(None, DecidedSize.of, lambda size: size.table)
-    clouds: CloudTable | None = None
+    pins: Mapping[int, tuple[Pin, ...]] = _own_form(
+        lambda said: msgspec.convert(said["pins"], tuple[Pin, ...]),
+        lambda pins: {"pins": pins},
+        default_factory=dict,
+    )
+    """by frame"""
+    size: DecidedSize | None = _own_form(DecidedSize.of, lambda size: size.table, default=None)
+    clouds: dict[str, Any] | None = _own_form(
+        lambda said: said["table"] or {}, lambda table: {"table": table or None}, default=None
+    )
+    """the table [clouds]; empty: there is none"""
     forearm: float | None = _own_form(
-        None,
         lambda said: math.inf if said is True else float(said),
         lambda arm_m: arm_m if 0 < arm_m < math.inf else arm_m > 0,
+        default=None,
     )
     """`TrackingRun.arm_m`; written as whether there is one, or where it ends: JSON has no infinity"""
     start: StartPose | None = None
     accepted: Frames = ()
     """frames that a person accepted: no tracking changes what shows there"""
-    spans: tuple[Span, ...] = _own_form((), spans_of, lambda spans: [astuple(s) for s in spans])
+    spans: tuple[Span, ...] = _own_form(
+        spans_of, lambda spans: [astuple(s) for s in spans], default=()
+    )
     """what the current track is composed of, the uppermost last"""
 
     def get(self, key: Key) -> Any:
@@ -295,7 +293,13 @@ def read(values: Mapping[str, Value]) -> dict[Key, Any]:
             else:
                 hint = _TABLES[kind][1] if kind in _TABLES else _HINTS[kind]
                 found[key] = msgspec.convert(value, hint)
-        except (msgspec.ValidationError, ValueError, TypeError, AttributeError) as error:
+        except (
+            msgspec.ValidationError,
+            LookupError,
+            ValueError,
+            TypeError,
+            AttributeError,
+        ) as error:
             raise HandtrackError(f"{name}: {error}") from None
     return found
 

@@ -44,18 +44,10 @@ class TrackingRequest:
     """the size is fitted where session and settings ask for it (`TrackingRun.sizes_first`)"""
     track_again: bool = True
     """frames are tracked again where they show another forearm than they were tracked with"""
-    run: TrackingRun | None = None
-    """the run for the person whom the poses were set for; the one that is tracked unless given"""
 
 
-@array_dataclass
-class Segment:
-    """Frames tracked from one pose: forward from `first`, and backward to earlier ones."""
-
-    frames: range
-    first: int
-    params: Floats[P]
-    """where the solver starts at `first`"""
+Segment = tuple[int, Floats[P], range]
+"""frames tracked from one pose, forward and to earlier ones backward: the first, solver parameters there, and all of them"""
 
 
 # ---- events
@@ -120,9 +112,9 @@ Event = SizeFitted | PassBegan | FrameResult | FramesRefined | str | Ended
 
 def request_for(
     run: TrackingRun, frames: range | None = None, from_init: bool = True
-) -> TrackingRequest:
-    """Return the request to track a recording with all that a person decided in the workbench for its frames. Where poses were set,
-    it is tracked with the size that they were set for, whether session.toml says it yet or not.
+) -> tuple[TrackingRun, TrackingRequest]:
+    """Return the run and the request to track a recording with all that a person decided in the workbench for its frames. Where poses
+    were set, the run is of the size that they were set for, whether session.toml says it yet or not.
 
     Parameters
     ----------
@@ -144,14 +136,13 @@ def request_for(
     pose = guides.get(first) if start is None else start.parameters
     is_solved = start is None or start.status == Status.KEYFRAME  # where tracking starts
     kept = [frame for frame in frames if frame != first or not is_solved]
-    return TrackingRequest(
+    return posed_run, TrackingRequest(
         frames,
         first,
         pose if from_init else None,
         {f: fixed[f] for f in kept if f in fixed},
         {f: guides[f] for f in kept if f in guides},
         fit_size=posed_run.scale is run.scale,
-        run=posed_run,
     )
 
 
@@ -185,8 +176,9 @@ def track_session(
     HandtrackError
         for input that cannot be used, before the first frame; after it, `Ended.problem` says so
     """
-    request = request_for(run) if request is None else request
-    yield from _Tracking(request.run or run, request, control, take).events()
+    if request is None:
+        run, request = request_for(run)
+    yield from _Tracking(run, request, control, take).events()
 
 
 def refine_frames(
@@ -235,34 +227,35 @@ def tracking_segments(run: TrackingRun, request: TrackingRequest) -> tuple[Segme
     high = later[0] if later else frames.stop
     found: list[Segment] = []
     if first in fixed:
-        found.append(Segment(range(first + 1, high), first + 1, fixed[first]))
-        found.append(Segment(range(low, first), first - 1, fixed[first]))
+        found.append((first + 1, fixed[first], range(first + 1, high)))
+        found.append((first - 1, fixed[first], range(low, first)))
     else:
         start = request.start
         params = run.initial()[1] if start is None else model.params_within_limits(start)
-        found.append(Segment(range(low, high), first, params))
+        found.append((first, params, range(low, high)))
     for mark, following in pairwise([*later, frames.stop]):
         begin = mark + 1 if mark in fixed else mark
-        found.append(Segment(range(begin, following), begin, known[mark]))
+        found.append((begin, known[mark], range(begin, following)))
     for mark, following in pairwise([*earlier, frames.start - 1]):
         end = mark if mark in fixed else mark + 1
-        found.append(Segment(range(following + 1, end), end - 1, known[mark]))
+        found.append((end - 1, known[mark], range(following + 1, end)))
     if request.both_ends:
         found = [half for one in found for half in _halves(one, fixed, known)]
-    return tuple(segment for segment in found if segment.frames)
+    return tuple((start, params, row) for start, params, row in found if row)
 
 
 def _halves(
     segment: Segment, fixed: Mapping[int, Floats[P]], known: Mapping[int, Floats[P]]
 ) -> list[Segment]:
     """Return a segment between two poses as one from each of them; any other as it is."""
-    low, high = segment.frames.start, segment.frames.stop
+    *_, frames = segment
+    low, high = frames.start, frames.stop
     before = known[low] if low in known and low not in fixed else fixed.get(low - 1)
     after = known.get(high)
     if before is None or after is None:
         return [segment]
     middle = (low + high + 1) // 2
-    return [Segment(range(low, middle), low, before), Segment(range(middle, high), high - 1, after)]
+    return [(low, before, range(low, middle)), (high - 1, after, range(middle, high))]
 
 
 class Refining(Observer):
@@ -375,16 +368,14 @@ class _Tracking(Observer):
         resumed = {
             step.result.frame: step.result
             for step in done
-            if any(step.result.frame in segment.frames for segment in segments)
+            if any(step.result.frame in frames for *_, frames in segments)
         }
         self._results, self._refined, self._problem = dict(resumed), None, ""
         yield PassBegan(run, request.frames, segments, [*resumed.values()])
         known = run.session.known_frames
         try:
-            for segment in segments:
-                for result in run.track(
-                    segment.frames, segment.first, segment.params, self._control, done
-                ):
+            for first, params, frames in segments:
+                for result in run.track(frames, first, params, self._control, done):
                     if self._recorded:
                         self._results[result.frame] = result
                     yield result
@@ -404,8 +395,9 @@ class _Tracking(Observer):
     def _refine(self, segments: Sequence[Segment]) -> FramesRefined:
         run = self._run
         tracked = [self._results[frame] for frame in sorted(self._results)]
-        paths = [(one.first, one.params, one.frames) for one in segments]
-        tracked = tracked_by_new_share(run.tracker, run.observation, tracked, paths, self._control)
+        tracked = tracked_by_new_share(
+            run.tracker, run.observation, tracked, segments, self._control
+        )
         found = refine_frames(run, self._request, tracked, self._control)
         changed = [r for r in found.results if r is not self._results.get(r.frame)]
         found = replace(found, results=changed)

@@ -47,8 +47,8 @@ def _segments(frames, first, fixed=(), guides=(), both_ends=False):
     led = {frame: pose(frame) for frame in guides}
     request = TrackingRequest(frames, first, pose(0), posed, led, both_ends)
     return [
-        (one.frames.start, one.frames.stop, one.first, float(one.params[0]))
-        for one in tracking_segments(run, request)
+        (frames.start, frames.stop, first, float(params[0]))
+        for first, params, frames in tracking_segments(run, request)
     ]
 
 

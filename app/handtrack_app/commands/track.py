@@ -119,7 +119,7 @@ def run(options: Namespace) -> int:
         control = Control(stop, progress)
         control = control if recorder is None else recorder.watching(control)
         try:
-            request = request_for(run_, frames, from_init=options.init is None)
+            run_, request = request_for(run_, frames, from_init=options.init is None)
             with progress:
                 end, warnings = progress.follow(track_session(run_, request, control, take), stop)
             stop.shielded = True  # from here on it is saved

@@ -24,12 +24,10 @@ from handtrack.session.session import Session
 from handtrack.session.session_file import SessionFile
 from handtrack.session.session_state import (
     CameraCorrection,
-    CloudTable,
     Correction,
     DecidedPose,
     DecidedSize,
     Edit,
-    FramePins,
     Key,
     MaskSource,
     SessionState,
@@ -154,7 +152,7 @@ def correction_of(
 
 def pinning(pins: Mapping[int, Sequence[Pin]]) -> Edit:
     """Return the edit by which frames have these pins."""
-    return decide(pins={f: FramePins(tuple(own)) if own else None for f, own in pins.items()})
+    return decide(pins={f: tuple(own) or None for f, own in pins.items()})
 
 
 # ---- The document
@@ -270,12 +268,11 @@ class Document:
         if kind == "size":
             return replace(self.size, scale=self.run.scale)
         if kind == "clouds":
-            return CloudTable(None if self.clouds is None else self.clouds.table)
+            return {} if self.clouds is None else self.clouds.table
         if kind == "masks":
             return source_of(self.masks[entry])
         if kind == "pins":
-            pins = session.pins.of(entry)
-            return FramePins(pins) if pins else None
+            return session.pins.of(entry) or None
         if kind == "forearm":
             return self.run.arm_m
         if kind == "correction" and known is None:
@@ -303,7 +300,7 @@ class Document:
             for at, value in changed["correction"].items()
         ]
         pins = {
-            frame: [*map(run.session.pins.as_written, () if own is None else own.pins)]
+            frame: [*map(run.session.pins.as_written, own or ())]
             for frame, own in changed["pins"].items()
         }
         self.state = state
@@ -374,11 +371,10 @@ class Document:
         """
         return self.state.size or self._own_size
 
-    def _clouds_of(self, clouds: CloudTable | None) -> CloudSettings | None:
-        if clouds is None:
+    def _clouds_of(self, table: dict[str, Any] | None) -> CloudSettings | None:
+        if table is None:
             return self.saved.clouds
-        cameras, table = self.session.file.cameras, clouds.table
-        return None if table is None else read_clouds(table, cameras, "[clouds]")
+        return read_clouds(table, self.session.file.cameras, "[clouds]") if table else None
 
     def _use(self, run: TrackingRun, resized: bool = False) -> None:
         """Change to another run; poses go by their names. What was made with a model comes back with it."""

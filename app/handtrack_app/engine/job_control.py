@@ -443,9 +443,9 @@ class JobControl:
         """Begin a take; it is of the size that may just have been found."""
         self._store.end_take(finished=False)
         self._moves, self._given = {}, self._document.state
-        start = began.segments[0]
+        first, params, _ = began.segments[0]
         try:
-            self._store.begin_take(began.frames, start.first, start.params, _fixed(job))
+            self._store.begin_take(began.frames, first, params, _fixed(job))
         except HandtrackError:
             job.cancel()
             raise

@@ -208,7 +208,7 @@ def track(
         if isinstance(event, PassBegan):
             run = event.run
             if not job.is_live:
-                job.total = sum(len(segment.frames) for segment in event.segments)
+                job.total = sum(len(frames) for *_, frames in event.segments)
         elif isinstance(event, FrameResult) and watch is not None:
             watch(run, event)
         elif isinstance(event, Ended) and event.problem:

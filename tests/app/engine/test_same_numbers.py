@@ -73,9 +73,9 @@ def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_ac
         for name in ("frame", "status", "parameters", "parameter_std", "joint_covariance"):
             assert getattr(track, name).tobytes() == getattr(expected, name).tobytes(), name
     assert expected.parameters[1].tobytes() == before.parameters.tobytes()
-    request = request_for(run)
-    *_, alone = track_session(run, replace(request, fixed={2: request.fixed[2]}))
-    assert alone.run.scale != end.run.scale == request.run.scale, "whom an accepted frame shows"
+    posed_run, request = request_for(run)
+    *_, alone = track_session(posed_run, replace(request, fixed={2: request.fixed[2]}))
+    assert alone.run.scale != end.run.scale == posed_run.scale, "whom an accepted frame shows"
 
 
 def test_an_arm_that_the_first_frame_hides_is_tracked_by_in_the_workbench_too(tmp_path):

@@ -15,7 +15,6 @@ from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.session_state import (
     NOTHING,
     CameraCorrection,
-    CloudTable,
     DecidedSize,
     Edit,
     decide,
@@ -110,7 +109,7 @@ def shape(document: Document, name: str, value: float) -> Edit:
 
 def clouds(settings: CloudSettings) -> Edit:
     """Take settings of [clouds], all of them."""
-    return decide(clouds=CloudTable(settings.table))
+    return decide(clouds=settings.table)
 
 
 def corrected_cameras(document: Document, cameras: Sequence[str]) -> Edit:
