@@ -1,8 +1,14 @@
-"""Benchmarks: whole frames as the tracker solves them, after decoding, and what a second core brings."""
+"""Benchmarks: whole frames as the tracker solves them, after decoding, what a second core brings, and the first frame of a program."""
 
 from __future__ import annotations
 
+import os
+import resource
+import subprocess
+import sys
+import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -157,3 +163,60 @@ def _slowest() -> dict[str, Any]:
         "ratio": max(ratios),
         "reference": "the median frame; the larger of both recordings",
     } | figures
+
+
+# ---- the first frame of `handtrack track`, with compiled kernels at hand and without
+
+
+_ROUNDS_WARM = 3
+_TRACK = "import sys; from handtrack_app.cli import main; sys.exit(main(sys.argv[1:]))"
+_IMPORTS = "import cv2, numba, numpy, scipy.optimize, scipy.spatial"
+
+
+def first_pose_warm() -> dict[str, Any]:
+    """Return the processor seconds of the first frame, all kernels compiled by an earlier run; the least of three."""
+    with tempfile.TemporaryDirectory() as cache:
+        _first_frame(cache)
+        return _first_figures(min(_first_frame(cache) for _ in range(_ROUNDS_WARM)), cache)
+
+
+def first_pose_cold() -> dict[str, Any]:
+    """Return the processor seconds of the first frame on a machine where nothing was compiled before."""
+    with tempfile.TemporaryDirectory() as cache:
+        _seconds([sys.executable, "-c", f"{_IMPORTS}, handtrack_app.commands.track"], cache)
+        return _first_figures(_first_frame(cache), cache)
+
+
+def _first_figures(seconds: float, cache: str) -> dict[str, Any]:
+    imports = min(_seconds([sys.executable, "-c", _IMPORTS], cache) for _ in range(_ROUNDS_WARM))
+    return {
+        "ratio": seconds / imports,
+        "ours_s": seconds,
+        "reference_s": imports,
+        "reference": f"`{_IMPORTS}` in a process of its own; processor seconds of all threads",
+    }
+
+
+def _first_frame(cache: str) -> float:
+    with tempfile.TemporaryDirectory() as folder:
+        words = [
+            "track",
+            str(bundled_session("open_fist_open")),
+            "--frames",
+            "0:1",
+            "--out",
+            str(Path(folder) / "poses.npz"),
+        ]
+        return _seconds([sys.executable, "-c", _TRACK, *words], cache)
+
+
+def _seconds(command: list[str], cache: str) -> float:
+    """Return the processor seconds of a process. The folder `cache` keeps kernels, and Python's bytecode as an installer
+    would have written it, whatever the environment says of that.
+    """
+    own = {"NUMBA_CACHE_DIR": cache, "PYTHONPYCACHEPREFIX": str(Path(cache) / "bytecode")}
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"} | own
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, env=environment, capture_output=True, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

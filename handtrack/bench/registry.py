@@ -14,25 +14,25 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 QUICK = {
-    "silhouette_iteration_vs_blas": "silhouette_speed",
-    "lm_iteration_vs_blas": "iterations",
-    "ten_iterations_vs_blas": "iterations",
+    "silhouette_iteration_vs_blas": "silhouettes",
+    "lm_iteration_vs_blas": "silhouettes",
+    "ten_iterations_vs_blas": "silhouettes",
     "frame_vs_blas": "frames",
     "frame_p99_vs_median": "frames",
-    "pixels_64x": "iterations",
-    "pixels_64x_prepare": "iterations",
+    "pixels_64x": "silhouettes",
+    "pixels_64x_prepare": "silhouettes",
     "cloud_iteration_vs_blas": "cloud_speed",
     "cloud_solve_vs_scipy": "cloud_speed",
     "cloud_lm_iteration_vs_blas": "cloud_speed",
-    "jump_tree_1024": "jump_tree",
-    "jump_polish_1024": "jump_polish",
+    "jump_tree_1024": "jumps",
+    "jump_polish_1024": "jumps",
 }
 """those that `handtrack bench` without a name runs, and their modules"""
 _LONG = {
     "cloud_frame_vs_blas": "frames",
     "two_cores": "frames",
-    "first_pose_warm": "first_pose",
-    "first_pose_cold": "first_pose",
+    "first_pose_warm": "frames",
+    "first_pose_cold": "frames",
 }
 _EXPERIMENTS = {
     "growth": "speed.growth",

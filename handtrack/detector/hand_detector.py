@@ -1,4 +1,4 @@
-"""Hands in one image: where palms are, and the 21 points of the hand in a region."""
+"""Hands in images: where palms are, the 21 points of the hand in a region, hands followed from frame to frame, and which of them is ours."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,6 +16,8 @@ import numpy as np
 from handtrack.arrays import D2, D3, D4, D7, D21, Array, Axes, Floats, H, K, N, W, array_dataclass
 from handtrack.detector.weights import Weights, find_weights, read_weights
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import skew
 from handtrack.parallel import thread_count
 
 Network = Callable[[Floats[H, W, D3]], Mapping[str, Array[*Axes]]]
@@ -274,3 +277,131 @@ class HandDetector:
             f"{self.weights.path}: the {network} network answers in another form than expected; these are weights of another "
             "detector. Name Google's hand_landmarker.task with --weights."
         )
+
+
+# ---- The hands of one view from frame to frame: each is looked for where it was, and anew where none is left
+
+
+_LOOK_EVERY = 10  # images between looks for hands that are not followed: a tenth more work
+_MOST = 2  # hands of one person
+_SAME = 0.15  # of the region's side: hands whose points are nearer in the median are one
+
+
+class HandFollower:
+    """Follows up to two hands in the images of one view; each has a number for as long as it is followed."""
+
+    def __init__(self, detector: HandDetector) -> None:
+        self._detector = detector
+        self._hands: dict[int, DetectedHand] = {}
+        self._next_number = 0
+        self._since_look = 0
+
+    def step(self, image: Array[H, W, D3] | None) -> dict[int, DetectedHand]:
+        """Return the hands in the next image uint8 BGR, by their numbers; none in a missing one, after which they are
+        looked for where they were.
+        """
+        if image is None:
+            return {}
+        before, self._hands = self._hands, {}
+        for number, last in before.items():
+            self._take(number, self._detector.hand(image, last.region))
+        self._since_look += 1
+        if not self._hands or (self._since_look >= _LOOK_EVERY and len(self._hands) < _MOST):
+            self._look(image)
+        return dict(self._hands)
+
+    def _look(self, image: Array[H, W, D3]) -> None:
+        self._since_look = 0
+        for region in self._detector.find(image, _MOST):
+            if len(self._hands) < _MOST and self._take(
+                self._next_number, self._detector.hand(image, region)
+            ):
+                self._next_number += 1
+
+    def _take(self, number: int, hand: DetectedHand | None) -> bool:
+        """Keep a hand, unless it is one that is followed already."""
+        if hand is None or any(_same(hand, other) for other in self._hands.values()):
+            return False
+        self._hands[number] = hand
+        return True
+
+
+def _same(hand: DetectedHand, other: DetectedHand) -> bool:
+    apart = np.linalg.norm(hand.points - other.points, axis=1)
+    return float(np.median(apart)) < _SAME * other.region.side
+
+
+# ---- Which of the hands seen is ours: by its side, and by lying in all views on one another's epipolar lines
+
+
+_AGREE = 0.1  # of the hand's square: pixels by which one hand may miss its epipolar lines, hidden fingers and time included
+_MOST_LOG_ODDS = 4.6  # of a side: no view is surer than 99 %
+
+
+class HandObservation(NamedTuple):
+    """A hand in one view of one frame."""
+
+    camera: Camera
+    hand: DetectedHand
+    log_odds: float
+    """that it is of the side asked for"""
+
+
+def log_odds(right: float, side: str) -> float:
+    """Return the log-odds of a side, right or left, from the probability of a right hand; bounded."""
+    share = np.clip(right if side == "right" else 1.0 - right, 1e-9, 1.0 - 1e-9)
+    return float(np.clip(np.log(share / (1.0 - share)), -_MOST_LOG_ODDS, _MOST_LOG_ODDS))
+
+
+def our_hands(seen: Mapping[str, list[HandObservation]]) -> dict[str, HandObservation]:
+    """Return by view the hand that is ours, as far as there is one.
+
+    Each hand is tried: from every other view joins the one nearest to its epipolar lines, if near enough. The hand with the
+    highest log-odds of our side over all views is ours, unless they are against it.
+    """
+    best: dict[str, HandObservation] = {}
+    highest = 0.0
+    for name, hands in seen.items():
+        for hand in hands:
+            joined = {name: hand} | {
+                other: near
+                for other, theirs in seen.items()
+                if other != name and (near := _nearest(hand, theirs)) is not None
+            }
+            total = sum(one.log_odds for one in joined.values())
+            if total > highest:
+                best, highest = joined, total
+    return best
+
+
+def _nearest(hand: HandObservation, others: list[HandObservation]) -> HandObservation | None:
+    misses = [(epipolar_miss(hand, other), i) for i, other in enumerate(others)]
+    miss, nearest = min(misses, default=(np.inf, -1))
+    return others[nearest] if miss < _AGREE else None
+
+
+def epipolar_miss(one: HandObservation, other: HandObservation) -> float:
+    """Return by how much of their squares two views' hands miss one another's epipolar lines, in the median of the points."""
+    a, b = (seen.camera.undistort_points(seen.hand.points) for seen in (one, other))
+    there = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    if not there.any():
+        return float("inf")
+    fundamental = _fundamental(one.camera, other.camera)
+    in_other = _to_lines(b[there], a[there], fundamental) / other.hand.region.side
+    in_one = _to_lines(a[there], b[there], fundamental.T) / one.hand.region.side
+    return float(np.median((in_one + in_other) / 2))
+
+
+def _to_lines(
+    points: Floats[K, D2], theirs: Floats[K, D2], fundamental: Floats[D3, D3]
+) -> Floats[K]:
+    """Return distances [px] of points from the lines that points of the other image lie on."""
+    lines = cv2.computeCorrespondEpilines(theirs, 1, fundamental)[:, 0]
+    return np.abs((points * lines[:, :2]).sum(axis=1) + lines[:, 2])
+
+
+def _fundamental(a: Camera, b: Camera) -> Floats[D3, D3]:
+    """Return F with x_bᵀ F x_a = 0 for pixels of the two undistorted cameras."""
+    rotation = b.rotation @ a.rotation.T
+    cross = skew(b.translation - rotation @ a.translation)
+    return np.linalg.inv(b.matrix).T @ cross @ rotation @ np.linalg.inv(a.matrix)

@@ -2,25 +2,149 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, N, indices
-from handtrack.diagnostics.constant_offsets import (
-    known_median,
-    mean_size,
-    offset_free_errors,
-    wrong_frames,
-)
-from handtrack.diagnostics.flexion import flexion_errors
+from handtrack.arrays import D3, D21, Array, Axes, F, Floats, Ints, J, N, indices
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import turn_between
-from handtrack.model.articulated import JOINT_CENTRES, definition_among, keypoint_names
+from handtrack.model.articulated import FINGERS, JOINT_CENTRES, definition_among, keypoint_names
 from handtrack.observation.truth import Truth
 from handtrack.tracking.frame.result import Status, TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
+
+# ---- Errors beside a constant offset, which two definitions of the same point have, and which frames are wrong by them
+
+
+WRONG_M = 0.025
+"""a hand's frame is wrong where one of its 21 keypoints is further off than that beside its constant offset (`without_offsets`): about
+a finger's breadth and a half, another finger's place"""
+
+
+def beside_other_half(errors: Floats[F, *Axes]) -> Floats[F, *Axes]:
+    """Return errors beside the median of those in the other half of the frames, in time: neighbouring frames err alike, so that a
+    median of every second frame would know what it is applied to. NaN where unknown, or where the other half knows nothing.
+    """
+    half = len(errors) // 2
+    first, second = errors[:half], errors[half:]
+    return np.concatenate([first - _median(second), second - _median(first)])
+
+
+def offset_free_errors(
+    found: Floats[F, N, D3], truth: Floats[F, N, D3], turns: Floats[F, N, D3, D3]
+) -> Floats[F, N]:
+    """Return how far points are off beside each one's constant offset in its bone's frame, in their
+    unit; NaN where unknown.
+
+    Parameters
+    ----------
+    turns
+        Bone → world of the bone that carries each point.
+    """
+    own = np.einsum("fnji,fnj->fni", turns, truth - found)
+    return np.linalg.norm(beside_other_half(own), axis=2)
+
+
+def without_offsets(found: Floats[F, D21, D3], truth: Floats[F, D21, D3]) -> Floats[F, D21, D3]:
+    """Return a hand's errors, in the world, beside each keypoint's median over all frames in the frame of its true bone, in their unit.
+
+    All frames, other than in `offset_free_errors`: a finger that is wrong in half of one half would make the other half's frames wrong.
+    """
+    turns = bone_frames(truth)
+    own = np.einsum("fjab,fja->fjb", turns, found - truth)
+    return np.einsum("fjab,fjb->fja", turns, own - _median(own))
+
+
+def wrong_frames(found: Floats[F, D21, D3], truth: Floats[F, D21, D3]) -> Array[F]:
+    """Return which frames of a hand are wrong (`WRONG_M`); points in metres, NaN where unknown."""
+    off = np.linalg.norm(without_offsets(found, truth), axis=2)
+    return np.where(np.isfinite(off), off, 0.0).max(axis=1) > WRONG_M
+
+
+def bone_frames(points: Floats[F, D21, D3]) -> Floats[F, J, D3, D3]:
+    """Return a frame (F, 21, 3, 3) for each of a hand's keypoints: along its bone, and across the hand."""
+    across, up = _unit(points[:, 5] - points[:, 17]), _unit(points[:, 9] - points[:, 0])
+    back = _unit(np.cross(across, up))
+    found = np.zeros((len(points), 21, 3, 3))
+    for j in range(21):
+        x, side = up, across
+        if j not in (0, 5, 9, 13, 17):
+            x = _unit(points[:, j] - points[:, 0 if j == 1 else j - 1])
+            side = across if j > 4 else back
+        y = _unit(side - x * (side * x).sum(axis=1, keepdims=True))
+        found[:, j] = np.stack([x, y, np.cross(x, y)], axis=-1)
+    return found
+
+
+def _unit(v: Floats[F, D3]) -> Floats[F, D3]:
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
+
+
+def _median(values: Array[F, *Axes]) -> Floats[*Axes]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what is nowhere known
+        return np.nanmedian(np.where(np.isfinite(values), values, np.nan), axis=0)
+
+
+def known_median(values: Floats[*Axes]) -> float | None:
+    """Return the median of the values that are known; None where none is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None
+
+
+def mean_size(errors: Floats[*Axes]) -> float | None:
+    """Return the mean size of the errors that are known; None where none is."""
+    known = np.isfinite(errors)
+    return float(np.abs(errors[known]).mean()) if known.any() else None
+
+
+# ---- How far joints are bent, from points alone: what a hand's angles are compared by, whatever model either side has
+
+
+_KEYPOINTS = keypoint_names()
+_CHAINS = [
+    [0, *(n for n, name in enumerate(_KEYPOINTS) if name.startswith(f"{f}_"))] for f in FINGERS
+]
+_BENT = [triple for chain in _CHAINS for triple in zip(chain, chain[1:], chain[2:], strict=False)]
+BENT_JOINTS = tuple(_KEYPOINTS[joint] for _, joint, _ in _BENT)
+"""three a finger, from the palm out"""
+
+
+def flexion_deg(keypoints21: Floats[F, D21, D3]) -> Floats[F, N]:
+    """Return by how much the way along each finger turns at its joints [°], 0 where straight; NaN where a point is unknown.
+
+    Between wrist, joint and next joint: a knuckle's spread counts with its bending.
+    """
+    before, here, after = (keypoints21[:, list(part)] for part in zip(*_BENT, strict=True))
+    came, goes = here - before, after - here
+    lengths = np.linalg.norm(came, axis=2) * np.linalg.norm(goes, axis=2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosine = (came * goes).sum(axis=2) / lengths
+    return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def flexion_errors(
+    found: Floats[F, D21, D3], truth: Floats[F, D21, D3]
+) -> dict[str, float | int | None]:
+    """Return the mean error of the joints' flexion [°], as it is and beside each joint's own constant offset (two models call
+    different points a knuckle; `beside_other_half`): of all, and of each joint; None where nothing is known.
+    """
+    off = flexion_deg(found) - flexion_deg(truth)
+    beside = beside_other_half(off)
+    each = [*enumerate(BENT_JOINTS)]
+    return {
+        "flexion_deg": mean_size(off),
+        "flexion_offset_free_deg": mean_size(beside),
+        **{f"flexion_{name}_deg": mean_size(off[:, k]) for k, name in each},
+        **{f"flexion_{name}_offset_free_deg": mean_size(beside[:, k]) for k, name in each},
+    }
+
+
+# ---- A whole sequence
+
 
 _CHI2_90 = 6.251388631170325  # 90 % of a 3D normal distribution lies within this squared distance
 _LEAST_STD_M = 1e-6  # a covariance flatter than this is taken as this thick
@@ -60,11 +184,11 @@ def evaluate(
     before tracking begins). Unknown (NaN) points do not count.
 
     `offset_free` figures are beside each point's constant offset in its bone's frame, fitted on one
-    half of the frames and applied to the other (`constant_offsets`): None where the track does not
+    half of the frames and applied to the other (`offset_free_errors`): None where the track does not
     say how its model is built.
 
     `wrong_frames`, of hands, have a keypoint more than 25 mm off beside its constant offset
-    (`constant_offsets.WRONG_M`): of frames of low confidence (doubtful, lost or missing) and of
+    (`WRONG_M`): of frames of low confidence (doubtful, lost or missing) and of
     all.
 
     Last come how many frames of the truth and how many of their points were used, and of each

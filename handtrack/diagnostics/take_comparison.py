@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from handtrack.arrays import evenly_spread, indices
-from handtrack.diagnostics.constant_offsets import known_median
+from handtrack.diagnostics.metrics import known_median
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Silhouette

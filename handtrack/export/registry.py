@@ -87,7 +87,7 @@ class ExportFormat:
                 )
             table = replace(table, track=table.track.in_landmarks(landmarks, table.source))
         if up:
-            from handtrack.export.upright import upright
+            from handtrack.export.table import upright
 
             if not self.up:
                 turned = ", ".join(known.name for known in FORMATS if known.up)
@@ -108,7 +108,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "Joint angles and positions, a row a frame, for spreadsheets.",
         "Spreadsheets and statistics",
         "m, °",
-        "tables.csv_wide",
+        "tables.csv_tables:write_wide",
     ),
     ExportFormat(
         "csv-long",
@@ -116,7 +116,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "Tidy tables for statistics (R, pandas): joints, angles (handtrack's and ISB's) and bones' quaternions, with standard deviations.",
         "Spreadsheets and statistics",
         "m, °",
-        "tables.csv_long",
+        "tables.csv_tables:write_long",
         has_parts=True,
     ),
     ExportFormat(
@@ -125,7 +125,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "Everything, for Python and NumPy.",
         "Python, MATLAB and R",
         "m, rad",
-        "tables.npz",
+        "tables.arrays:write_result",
     ),
     ExportFormat(
         "keypoints",
@@ -133,7 +133,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "Joint positions alone, in the form of a session's truth.npz.",
         "Python, MATLAB and R",
         "m",
-        "tables.npz:write_keypoints",
+        "tables.arrays:write_keypoints",
     ),
     ExportFormat(
         "openpose",
@@ -214,7 +214,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "Joint angles as motion of the OpenSim model that `--to osim` writes.",
         "Biomechanics",
         "m, °",
-        "motion.osim:write_mot",
+        "motion.xml_models:write_mot",
         one_skeleton=True,
         up="y",
     ),
@@ -224,7 +224,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "The model itself for OpenSim: bones, joints with limits, markers; an inverse kinematics set-up with marker weights beside.",
         "Biomechanics",
         "m, rad",
-        "motion.osim",
+        "motion.xml_models:write_osim",
         one_skeleton=True,
     ),
     ExportFormat(
@@ -243,7 +243,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "The model as a robot for ROS, MuJoCo, Isaac; joint states in a CSV file beside.",
         "Robotics",
         "m, rad",
-        "motion.urdf",
+        "motion.xml_models:write_urdf",
         has_parts=True,
         one_skeleton=True,
         up="z",
@@ -273,7 +273,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "Joints as Anipose's 3D table; `movement` reads it.",
         "Neuroscience",
         "mm",
-        "tables.anipose",
+        "tables.csv_tables:write_anipose",
     ),
     ExportFormat(
         "netcdf",
@@ -281,7 +281,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "Labelled arrays with units and standard deviations, for xarray, MATLAB, R.",
         "Python, MATLAB and R",
         "m, rad",
-        "tables.netcdf",
+        "tables.arrays:write_netcdf",
     ),
     ExportFormat(
         "nwb",

@@ -1,4 +1,4 @@
-"""ResultsTable: a tracked sequence and the model it is of, as every format is written from."""
+"""ResultsTable: a tracked sequence and the model it is of, as every format is written from; and the world turned as a format's readers take it to stand."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, F, Floats, J, array_dataclass
 from handtrack.capture.calibration.rig_file import rig_from_json
+from handtrack.errors import unknown_name
+from handtrack.export.registry import AXES
 from handtrack.files.toml_table import one_of, read_table
 from handtrack.files.toml_text import read_toml
 from handtrack.geometry.camera import CameraRig
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.session.formats.tables import read_npz
 from handtrack.tracking.frame.result import COLUMNS, Status, TrackResult
@@ -132,3 +135,42 @@ class ResultsTable:
             for values in self.track.parameters
         ]
         return float(np.linalg.norm(np.stack(posed) - self.track.joint_positions, axis=2).max())
+
+
+# ---- A sequence in a world that stands as the readers take it to stand
+
+
+def axis(name: str) -> Floats[D3]:
+    """Return the direction of one of AXES. Raises HandtrackError naming them."""
+    if name not in AXES:
+        raise unknown_name("axis", name, AXES, "--up")
+    return (-1.0 if name.startswith("-") else 1.0) * np.eye(3)["xyz".index(name[-1])]
+
+
+def turn_between(up: str, wanted: str) -> Floats[D3, D3]:
+    """Return the turn that brings an axis of AXES to another on the short way; about x or y where they are opposite, as from a camera's
+    axes (x right, y down) to a screen's.
+    """
+    start, end = axis(up), axis(wanted)
+    if start @ end == 0.0:
+        about = np.cross(start, end)
+        return np.outer(about, about) + np.outer(end, start) - np.outer(start, end)
+    kept = np.eye(3)[1 if up[-1] == "x" else 0]
+    return np.eye(3) if start @ end > 0 else 2.0 * np.outer(kept, kept) - np.eye(3)
+
+
+def upright(track: TrackResult, up: str, wanted: str) -> TrackResult:
+    """Return the sequence with the world turned so that what is up points along `wanted`.
+
+    Poses, joints, their covariance and the root's parameters; what else is of the world (cameras, pins, other hypotheses, the
+    root's standard deviations) is left out or unknown.
+    """
+    turn = turn_between(up, wanted)
+    arrays = {name: getattr(track, name) for name in COLUMNS}
+    changed = {name: COLUMNS[name].turned(a, turn) for name, a in arrays.items() if a is not None}
+    parameters, std = track.parameters.copy(), track.parameter_std.copy()
+    parameters[:, :3] = parameters[:, :3] @ turn.T
+    parameters[:, 3:6] = rotation_vector(turn @ rotation_matrix(track.parameters[:, 3:6]))
+    std[:, :6] = np.nan
+    changed |= {"parameters": parameters, "parameter_std": std, "cameras": None, "pins": None}
+    return replace(track, **changed)

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from handtrack.capture.clouds.cloud_filters import CloudFilters
-from handtrack.capture.clouds.disparity import StereoSettings
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
+from handtrack.capture.clouds.stereo import StereoSettings
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import FULL, checked_table, read_table, shown
 from handtrack.setting import Setting, declared

@@ -15,9 +15,14 @@ from handtrack.arrays import D3, D21, Floats, evenly_spread
 from handtrack.capture.images.openpose import LAYOUTS, write_points, written_by
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import mask_method_table
-from handtrack.detector.hand_detector import DetectedHand, HandDetector
-from handtrack.detector.hand_follower import HandFollower
-from handtrack.detector.identity import HandObservation, log_odds, our_hands
+from handtrack.detector.hand_detector import (
+    DetectedHand,
+    HandDetector,
+    HandFollower,
+    HandObservation,
+    log_odds,
+    our_hands,
+)
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model

@@ -13,8 +13,13 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D2, Bytes, Floats, H, W, pixel_grid
-from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_outline
-from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
+from handtrack.capture.masks.seeded import (
+    UNKNOWN_LEVEL,
+    HandSeeds,
+    Seeded,
+    SeededMasks,
+    seeds_of_outline,
+)
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text, replacing
 from handtrack.geometry.camera import Camera

@@ -32,7 +32,6 @@ from handtrack.session.session_file import (
 )
 from handtrack.simulation.motion_files.clip import MotionClip
 from handtrack.simulation.motion_files.read_motion import turned_upright, upright_axis
-from handtrack.simulation.observation_files import layout_of_model, points_of
 from handtrack.simulation.retarget import (
     body_problem,
     fitted_model,
@@ -40,7 +39,13 @@ from handtrack.simulation.retarget import (
     retarget,
     retarget_errors,
 )
-from handtrack.simulation.simulate import SCALE_FILE, CustomMotion, simulated_rig
+from handtrack.simulation.simulate import (
+    SCALE_FILE,
+    CustomMotion,
+    layout_of_model,
+    points_of,
+    simulated_rig,
+)
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, assessed_as

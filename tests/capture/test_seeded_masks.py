@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.masks.hand_seeds import seeds_of_joints
 from handtrack.capture.masks.mask_correction import (
     BACKGROUND,
     HAND,
@@ -16,7 +15,7 @@ from handtrack.capture.masks.mask_correction import (
     empty_layer,
     painted,
 )
-from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded
+from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, seeds_of_joints
 from handtrack.capture.masks.segmentation import SkinYCrCb, segmenter
 from tests.capture.seeded_scenes import SIZE, recording
 

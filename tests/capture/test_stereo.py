@@ -5,8 +5,13 @@ import numpy as np
 import pytest
 
 from handtrack.capture.calibration.rig_file import read_rig
-from handtrack.capture.clouds.disparity import StereoSettings, matches, without_speckles
-from handtrack.capture.clouds.stereo import StereoMatcher, check_pair
+from handtrack.capture.clouds.stereo import (
+    StereoMatcher,
+    StereoSettings,
+    check_pair,
+    matches,
+    without_speckles,
+)
 from handtrack.geometry.rotation import rotation_matrix
 from tests.cameras import pinhole
 

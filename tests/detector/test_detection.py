@@ -6,13 +6,16 @@ import pytest
 from handtrack.detector.hand_detector import (
     PALM_SIZE,
     DetectedHand,
+    HandFollower,
+    HandObservation,
     Region,
+    epipolar_miss,
+    log_odds,
+    our_hands,
     palms,
     region_of_hand,
     region_of_palm,
 )
-from handtrack.detector.hand_follower import HandFollower
-from handtrack.detector.identity import HandObservation, epipolar_miss, log_odds, our_hands
 from handtrack.geometry.rotation import rotation_matrix
 from tests.cameras import pinhole
 from tests.detector.fake_detector import FakeDetector, columns, hand_at

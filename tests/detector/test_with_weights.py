@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from handtrack import Session
-from handtrack.detector.hand_detector import HandDetector
-from handtrack.detector.hand_follower import HandFollower
-from handtrack.detector.identity import HandObservation, epipolar_miss, log_odds
+from handtrack.detector.hand_detector import (
+    HandDetector,
+    HandFollower,
+    HandObservation,
+    epipolar_miss,
+    log_odds,
+)
 
 FIRST = 18  # of desk_two_view: both cameras see the hand, and init.json is about it
 FRAMES = range(FIRST, FIRST + 3)

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import Status, evaluate, load_model
-from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg, flexion_errors
+from handtrack.diagnostics.metrics import BENT_JOINTS, flexion_deg, flexion_errors
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import scale_table

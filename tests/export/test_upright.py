@@ -7,8 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack.export.registry import AXES
-from handtrack.export.table import ResultsTable
-from handtrack.export.upright import axis, turn_between, upright
+from handtrack.export.table import ResultsTable, axis, turn_between, upright
 from tests.export.sequences import KINDS, sample_sequence
 
 

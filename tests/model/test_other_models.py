@@ -8,7 +8,7 @@ from handtrack import (
     HandtrackError,
     load_model,
 )
-from handtrack.export.motion.urdf import urdf_text
+from handtrack.export.motion.xml_models import urdf_text
 from tests.conftest import REPOSITORY
 
 GRIPPER = REPOSITORY / "docs" / "notebooks" / "gripper.urdf"

@@ -6,7 +6,6 @@ import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import load_model
-from handtrack.model.surfaces.marching_cubes import marching_cubes
 from handtrack.model.surfaces.metaballs import (
     FORMS,
     SHARPNESS_PER_M,
@@ -14,7 +13,7 @@ from handtrack.model.surfaces.metaballs import (
 )
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh, vertex_normals
 from handtrack.model.surfaces.superquadrics import Superquadrics
-from handtrack.model.surfaces.surface_mesh import relaxed_mesh, surface_mesh
+from handtrack.model.surfaces.surface_mesh import marching_cubes, relaxed_mesh, surface_mesh
 from tests.model.metaballs_reference import merged
 from tests.terms.silhouette_scene import ellipsoids_of, parts_at
 

@@ -18,7 +18,7 @@ from handtrack.session.session_file import (
     write_session_file,
 )
 from handtrack.simulation.motion import motion as named_motion
-from handtrack.simulation.observation_files import points_of
+from handtrack.simulation.simulate import points_of
 from tests.cameras import FACING, pinhole
 
 LAYOUT = "body_25b"

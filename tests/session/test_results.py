@@ -105,9 +105,8 @@ sys.modules[name] = module = importlib.util.module_from_spec(found)
 exec(compile(source.replace(end, added + end), found.origin, "exec"), module.__dict__)
 
 from handtrack.errors import HandtrackError
-from handtrack.export.table import ResultsTable
-from handtrack.export.tables.csv_wide import write
-from handtrack.export.upright import turn_between, upright
+from handtrack.export.table import ResultsTable, turn_between, upright
+from handtrack.export.tables.csv_tables import write_wide
 from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.store.record import Record
 from handtrack.store.step_record import read_result, result_content
@@ -137,7 +136,7 @@ whole = ResultsTable(track).without_gaps.track
 assert np.isnan(whole.grip_n).tolist() == np.isnan(whole.push).any(axis=1).tolist() == [False] * 3 + [True, False]
 assert (upright(track, "y", "z").push == track.push @ turn_between("y", "z").T).all()
 table = folder / "poses.csv"
-write(table, ResultsTable(track))
+write_wide(table, ResultsTable(track))
 assert [row["grip_n"] for row in csv.DictReader(table.open())] == ["0", "1", "2", "4"]
 assert '"grip_n": "force"' in table.with_suffix(".json").read_text()
 assert track.to_xarray().grip_n.units == "N"

@@ -13,7 +13,7 @@ import tomlkit
 from handtrack.bench.registry import QUICK, benchmark
 from handtrack.diagnostics.metrics import evaluate, in_truths_landmarks
 from handtrack.errors import HandtrackError
-from handtrack.export.motion.urdf import urdf_text
+from handtrack.export.motion.xml_models import urdf_text
 from handtrack.files.atomic import replace_text
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.model.model_file import load_model, read_definition

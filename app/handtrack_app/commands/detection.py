@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.capture.clouds.cloud_files import write_cloud
-from handtrack.capture.clouds.rectification import rectified
+from handtrack.capture.clouds.stereo import rectified
 from handtrack.detector.hand_detector import HandDetector
 from handtrack.detector.weights import (
     DOWNLOAD_MB,

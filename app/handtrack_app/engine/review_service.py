@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from handtrack.diagnostics.flexion import BENT_JOINTS
+from handtrack.diagnostics.metrics import BENT_JOINTS
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras

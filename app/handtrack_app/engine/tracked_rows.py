@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from handtrack.arrays import F, Floats, Ints, K, S
-from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg
+from handtrack.diagnostics.metrics import BENT_JOINTS, flexion_deg
 from handtrack.diagnostics.review import failure_probability
 from handtrack.observation.truth import mean_error_mm
 from handtrack.store.current_track import CurrentTrack, Head

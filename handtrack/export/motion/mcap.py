@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import Floats, N
-from handtrack.export.motion.urdf import urdf_text
+from handtrack.export.motion.xml_models import urdf_text
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.geometry.rotation import quaternion_wxyz

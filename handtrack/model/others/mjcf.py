@@ -13,8 +13,18 @@ from scipy.spatial.transform import Rotation
 from handtrack.arrays import D3, Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
-from handtrack.model.others import shapes
-from handtrack.model.others.tree import Hinge, Link, Shape, definition_of, hinge, numbers, read_root
+from handtrack.model.others.tree import (
+    SIZES,
+    Hinge,
+    Link,
+    Shape,
+    definition_of,
+    ellipsoid_radii,
+    hinge,
+    mesh_shapes,
+    numbers,
+    read_root,
+)
 
 _EXPANDS = ("include", "frame", "replicate", "attach", "composite", "flexcomp")
 """what MuJoCo makes bodies of when it loads a file; its own saved form has none of them"""
@@ -156,20 +166,20 @@ class _Robot:
         place, turn = self._vector(given, "pos") - anchor, self._turn(given)
         if kind == "mesh":
             return self._mesh(given, place, turn)
-        if kind not in shapes.SIZES:
+        if kind not in SIZES:
             return []
         size = numbers(given, "size", None, self._path)
         if "fromto" in given:
             ends = numbers(given, "fromto", None, self._path, 6).reshape(2, 3)
             along = ends[1] - ends[0]
             place, turn = ends.mean(axis=0) - anchor, _towards(along)
-            across = size[:1] if shapes.SIZES[kind] < 3 else np.resize(size[:2], 2)
+            across = size[:1] if SIZES[kind] < 3 else np.resize(size[:2], 2)
             size = np.append(across, 0.5 * np.linalg.norm(along))
-        if len(size) < shapes.SIZES[kind]:
+        if len(size) < SIZES[kind]:
             raise HandtrackError(
-                f"{self._path}: a {kind} of {len(size)} sizes; expected {shapes.SIZES[kind]}."
+                f"{self._path}: a {kind} of {len(size)} sizes; expected {SIZES[kind]}."
             )
-        return [Shape(place, turn, shapes.radii(kind, size))]
+        return [Shape(place, turn, ellipsoid_radii(kind, size))]
 
     def _mesh(self, given: _Given, place: Floats[D3], turn: Floats[D3, D3]) -> list[Shape]:
         asset = self._meshes.get(given.get("mesh", ""))
@@ -178,7 +188,7 @@ class _Robot:
         folder = self._compiler.get("meshdir", self._compiler.get("assetdir", ""))
         file = self._path.parent / folder / str(asset.get("file"))
         scale = numbers(asset.attrib, "scale", (1.0, 1.0, 1.0), self._path, 3)
-        return shapes.mesh(file, scale, place, turn)
+        return mesh_shapes(file, scale, place, turn)
 
     # ---- what attributes mean
 

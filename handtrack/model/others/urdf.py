@@ -12,13 +12,22 @@ from scipy.spatial.transform import Rotation
 
 from handtrack.arrays import D3, Floats
 from handtrack.errors import HandtrackError
-from handtrack.model.others import shapes
-from handtrack.model.others.tree import Hinge, Link, Shape, definition_of, hinge, numbers, read_root
+from handtrack.model.others.tree import (
+    Hinge,
+    Link,
+    Shape,
+    definition_of,
+    ellipsoid_radii,
+    hinge,
+    mesh_shapes,
+    numbers,
+    read_root,
+)
 
 _TURNING = ("revolute", "continuous")
 _LONG = {"radius": 1.0, "length": 0.5}
 _SIZES = {"sphere": {"radius": 1.0}, "box": {"size": 0.5}, "cylinder": _LONG, "capsule": _LONG}
-"""of shapes, by attribute: how much of it is what `shapes.radii` takes"""
+"""of shapes, by attribute: how much of it is what `ellipsoid_radii` takes"""
 _Element = ElementTree.Element
 
 
@@ -104,14 +113,14 @@ def _shapes(visual: _Element, path: Path) -> list[Shape]:
     if kind.tag == "mesh":
         file = path.parent / kind.get("filename", "").split("://")[-1]
         scale = numbers(kind.attrib, "scale", (1.0, 1.0, 1.0), path, 3)
-        return shapes.mesh(file, scale, place, turn)
+        return mesh_shapes(file, scale, place, turn)
     if kind.tag not in _SIZES:
         return []
     size = [
         half * numbers(kind.attrib, key, None, path, 3 if key == "size" else 1)
         for key, half in _SIZES[kind.tag].items()
     ]
-    return [Shape(place, turn, shapes.radii(kind.tag, np.concatenate(size)))]
+    return [Shape(place, turn, ellipsoid_radii(kind.tag, np.concatenate(size)))]
 
 
 def _origin(element: _Element, path: Path) -> tuple[Floats[D3], Floats[D3, D3]]:

@@ -13,9 +13,8 @@ import numpy as np
 from handtrack.arrays import D3, C, Floats, K
 from handtrack.capture.clouds.cloud_files import read_cloud
 from handtrack.capture.clouds.depth import depth_cloud
-from handtrack.capture.clouds.disparity import StereoSettings
 from handtrack.capture.clouds.point_cloud import PointCloud, merged
-from handtrack.capture.clouds.stereo import StereoMatcher, check_pair
+from handtrack.capture.clouds.stereo import StereoMatcher, StereoSettings, check_pair
 from handtrack.capture.images.frames import FrameNotes
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig

@@ -7,8 +7,7 @@ import numpy as np
 
 from handtrack.bench.measuring import data_folder
 from handtrack.capture.calibration.rig_file import read_rig
-from handtrack.capture.clouds.disparity import StereoSettings
-from handtrack.capture.clouds.stereo import StereoMatcher
+from handtrack.capture.clouds.stereo import StereoMatcher, StereoSettings
 from handtrack.capture.images.raw_frames import demosaic
 from tests.capture.mosaics import mosaic_of
 

@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 
 from handtrack import Session, Status, TrackingRun
 from handtrack.arrays import Array, F, Floats, N
-from handtrack.diagnostics.constant_offsets import WRONG_M, without_offsets
+from handtrack.diagnostics.metrics import WRONG_M, without_offsets
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
 from handtrack.tracking.frame import confidence

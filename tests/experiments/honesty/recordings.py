@@ -23,7 +23,7 @@ import numpy as np
 from handtrack import Camera, CameraRig
 from handtrack.arrays import D3, D21, Array, F, Floats, H, M, N, T, W
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.diagnostics.constant_offsets import bone_frames
+from handtrack.diagnostics.metrics import bone_frames
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.session import layout
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose

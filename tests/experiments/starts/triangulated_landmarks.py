@@ -22,7 +22,7 @@ from handtrack import Camera, Session, TrackResult, evaluate
 from handtrack.arrays import D2, D3, D21, C, F, Floats, N
 from handtrack.bench.measuring import data_folder
 from handtrack.detector.hand_detector import HandDetector
-from handtrack.diagnostics.flexion import BENT_JOINTS
+from handtrack.diagnostics.metrics import BENT_JOINTS
 from handtrack.files.toml_edit import edit_toml
 from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.articulated import keypoint_names

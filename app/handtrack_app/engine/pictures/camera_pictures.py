@@ -9,9 +9,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D2, D3, Array, Axes, Bytes, Floats, H, N, W
-from handtrack.capture.clouds.disparity import REJECTED
-from handtrack.capture.clouds.rectification import RectifiedPair
-from handtrack.capture.clouds.stereo import StereoView
+from handtrack.capture.clouds.stereo import REJECTED, RectifiedPair, StereoView
 from handtrack.diagnostics.residual_image import (
     field_picture,
     joint_pairs,

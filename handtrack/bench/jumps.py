@@ -1,21 +1,30 @@
-"""Benchmark: time of an interpretation tree of 1024 leaves, beside a plain loop over its leaves."""
+"""Benchmarks of jumps: interpretation trees beside a plain loop over their leaves, polishing beside SciPy."""
 
 from __future__ import annotations
 
 import itertools
 import json
 import math
+import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from handtrack.arrays import Floats, P, indices
-from handtrack.bench.measuring import alternating_medians
+from handtrack.arrays import Floats, P, R, indices
+from handtrack.bench.measuring import alone, alternating_medians
+from handtrack.compiled import compiled
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model, model_from_definition
 from handtrack.sampling.chains import Chain, chain_along, chains_of
+from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
+from handtrack.sampling.keypoint_kernels import place, pose
+from handtrack.sampling.keypoint_problem import keypoint_problem
+from handtrack.simulation.scenes.jump_scene import JumpScene, full_scene
+from handtrack.terms.priors.priors import GaussianPrior
 
 LIMBS, LENGTH_M = 5, 0.25
 Vector = tuple[float, float, float]
@@ -29,7 +38,7 @@ def jump_tree_1024() -> dict[str, Any]:
     """
     model, camera = tentacle(), _camera()
     chain = chain_along(model, "tentacle", model.joint_names)
-    params = _pose(model)
+    params = _zigzag(model)
     body = load_model("body34")
     limbs = chains_of(body)
     standing = body.rest_params()
@@ -206,7 +215,7 @@ def _camera() -> Camera:
     return Camera("camera", (1280, 1920), matrix, np.zeros(5), *pose)
 
 
-def _pose(model: ArticulatedModel) -> Floats:
+def _zigzag(model: ArticulatedModel) -> Floats:
     """Return a pose that zigzags upwards, its links leaning about 35° towards the camera or away from it."""
     rng = np.random.default_rng(3)
     params = np.zeros(len(model.parameter_names))
@@ -217,3 +226,128 @@ def _pose(model: ArticulatedModel) -> Floats:
     twist[:] = 0.05 * rng.normal(size=LIMBS)
     elbow[:] = 1.2 + 0.05 * rng.normal(size=LIMBS)
     return params
+
+
+@compiled
+def image_rows(problem, params, want_jacobian, residual, jacobian):  # pragma: no cover
+    """Fill residual (2 O,) and jacobian (2 O, P) at params (P,); joint parameters are solver parameters here."""
+    rotation, at, axes, root = pose(problem, params)
+    row, (first, chain) = np.empty((2, 3)), problem.chains
+    turns, shifts, focals, middles = problem.cameras
+    begin, camera, target, information = problem.views
+    for k in range(problem.points[0].shape[0]):
+        b = problem.points[0][k]
+        x, y, z = place(problem.points, rotation, at, k)
+        for o in range(begin[k], begin[k + 1]):
+            c, scale = camera[o], np.sqrt(information[o])
+            turn, shift, focal, middle = turns[c], shifts[c], focals[c], middles[c]
+            depth = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + shift[2]
+            for i in range(2):
+                across = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z + shift[i]
+                seen = focal[i] * across / depth + middle[i]
+                residual[2 * o + i] = scale * (seen - target[o, i])
+                for j in range(3):
+                    row[i, j] = (
+                        scale * focal[i] / depth * (turn[i, j] - across / depth * turn[2, j])
+                    )
+            if not want_jacobian:
+                continue
+            for i in range(2):
+                n0, n1, n2 = row[i, 0], row[i, 1], row[i, 2]
+                out = jacobian[2 * o + i]
+                out[:] = 0.0
+                out[0], out[1], out[2] = n0, n1, n2
+                d0, d1, d2 = x - at[0, 0], y - at[0, 1], z - at[0, 2]
+                t0, t1, t2 = d1 * n2 - d2 * n1, d2 * n0 - d0 * n2, d0 * n1 - d1 * n0
+                for s in range(3):
+                    lever = root[1][:, s]
+                    out[3 + s] = lever[0] * t0 + lever[1] * t1 + lever[2] * t2
+                for n in range(first[b], first[b + 1]):
+                    h = chain[n]
+                    base = problem.tree[3][h]
+                    d0, d1, d2 = x - at[base, 0], y - at[base, 1], z - at[base, 2]
+                    t0, t1, t2 = d1 * n2 - d2 * n1, d2 * n0 - d0 * n2, d0 * n1 - d1 * n0
+                    out[6 + h] = axes[h, 0] * t0 + axes[h, 1] * t1 + axes[h, 2] * t2
+
+
+STARTS, SUBSET, SCALE = 1024, 48, 4.0
+_SAME = 1e-4
+"""costs closer than this are the same minimum"""
+
+
+@alone
+def jump_polish_1024() -> dict[str, Any]:
+    """Return ratio, ours_ms, reference_ms and what the reference is."""
+    scene = full_scene()
+    drawn = covariance_scaled(
+        scene.start, scene.covariance, SCALE, STARTS, np.random.default_rng(0).standard_normal
+    )
+    drawn = projected(scene.model, drawn)
+    scene.polished(drawn[:1])
+    residual, jacobian = _dense(scene)
+    for warmed in (residual, jacobian):
+        warmed(drawn[0])
+    begin = time.process_time()
+    ours = scene.polished(drawn)
+    own = 1e3 * (time.process_time() - begin)
+    bounds = scene.model.bounds(scene.start)
+    low, high = bounds[:, 0] - 1e-9, bounds[:, 1] + 1e-9
+
+    def scipy(method: str, **limits: Any) -> tuple[list[Any], float]:
+        given: Any = {"jac": jacobian, "method": method, "x_scale": "jac"} | limits
+        begin = time.process_time()
+        ends = [
+            least_squares(
+                residual, start, ftol=1e-10, xtol=1e-10, gtol=1e-10, max_nfev=500, **given
+            )
+            for start in drawn[:SUBSET]
+        ]
+        return ends, 1e3 * (time.process_time() - begin) * STARTS / SUBSET
+
+    ends, reference = scipy("trf", bounds=(low, high))
+    _, without_limits = scipy("lm")
+    bounded, reference = reference, min(reference, without_limits)
+    costs = np.array([end.cost for end in ends])
+    return {
+        "ratio": own / reference,
+        "ours_ms": own,
+        "reference_ms": reference,
+        "reference": (
+            f"processor time of one thread; scipy least_squares (the quicker of trf, limits as bounds, and lm without limits) with the same analytic Jacobian, compiled and dense, on {SUBSET} of "
+            f"the starts, scaled to {STARTS}; covariance-scaled starts (scale {SCALE:g}) of body34, "
+            f"{len(scene.observed.names)} image joints, priors, no collisions"
+        ),
+        "ours_converged": float(ours.is_minimum.mean()),
+        "ours_lower_or_same": float((ours.cost[:SUBSET] <= costs + _SAME).mean()),
+        "same_minimum": float((np.abs(ours.cost[:SUBSET] - costs) <= _SAME).mean()),
+        "scipy_trf_ms": bounded,
+        "scipy_lm_without_limits_ms": without_limits,
+        "scipy_converged": float(np.mean([end.status > 0 for end in ends])),
+        "scipy_calls_median": float(np.median([end.nfev for end in ends])),
+    }
+
+
+def _dense(
+    scene: JumpScene,
+) -> tuple[Callable[[Floats[P]], Floats[R]], Callable[[Floats[P]], Floats[R, P]]]:
+    """Return the scene as a general solver wants it: residuals at solver parameters, image joints [px], then priors [standard
+    deviations]; and their derivatives.
+    """
+    problem, rows, means = keypoint_problem(scene.model, [scene.observed]), [], []
+    for prior in scene.priors:
+        assert isinstance(prior, GaussianPrior)
+        known = np.flatnonzero(np.isfinite(prior.sigma))
+        rows.append(np.eye(len(prior.sigma))[known] / prior.sigma[known, None])
+        means.append(prior.mean[known] / prior.sigma[known])
+    prior_rows, prior_means = np.concatenate(rows), np.concatenate(means)
+    count = 2 * len(problem.views[1])
+
+    def image(params: Floats[P], want_jacobian: bool) -> tuple[Floats[R], Floats[R, P]]:
+        residual, jacobian = np.empty(count), np.empty((count * want_jacobian, len(params)))
+        image_rows(problem, params, want_jacobian, residual, jacobian)
+        return residual, jacobian
+
+    return (
+        lambda params: np.concatenate([image(params, False)[0], prior_rows @ params - prior_means]),
+        lambda params: np.concatenate([image(params, True)[1], prior_rows]),
+    )

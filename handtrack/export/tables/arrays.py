@@ -1,4 +1,4 @@
-"""NetCDF (classic, by SciPy): labelled arrays with units, as xarray, MATLAB and R read them."""
+"""Arrays: poses.npz again, joint positions alone, and NetCDF (classic, by SciPy) as xarray, MATLAB and R read it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,47 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from handtrack.arrays import Array
 from handtrack.export.isb import isb_angles, isb_std
 from handtrack.export.table import ResultsTable
-from handtrack.export.tables.cells import about
+from handtrack.export.tables.csv_tables import about
 from handtrack.files.atomic import replacing
+from handtrack.model.articulated import keypoint_names
+from handtrack.session.formats.tables import write_arrays, write_npz
 from handtrack.tracking.frame.tables.labelled import labelled
 
 if TYPE_CHECKING:
     from scipy.io import netcdf_file
 
 
-def write(path: Path, table: ResultsTable) -> None:
+def write_result(path: Path, table: ResultsTable) -> None:
+    """Write the result as it was read."""
+    write_npz(path, table.track)
+
+
+# ---- Joint positions alone, in the form of a session's truth.npz (contracts §2)
+
+
+def write_keypoints(path: Path, table: ResultsTable) -> None:
+    """Write joint positions by name, the 21 keypoints of hands, and whose points they are."""
+    track = table.track
+    arrays: dict[str, Array] = {
+        "frame": track.frame,
+        "time_s": track.time_s,
+        "joint_names": np.asarray(track.joint_names),
+        "joint_positions": track.joint_positions,
+        "keypoint_definition": np.array(table.keypoint_definition),
+    }
+    if track.keypoints21 is not None:
+        arrays["keypoint_names"] = np.asarray(keypoint_names())
+        arrays["keypoints21"] = track.keypoints21
+    write_arrays(path, arrays)
+
+
+# ---- NetCDF
+
+
+def write_netcdf(path: Path, table: ResultsTable) -> None:
     """Write the arrays of `labelled`, and `isb_angle` and `isb_angle_std` (time, isb) [rad]. What is known beside is attributes."""
     from scipy.io import netcdf_file
 
