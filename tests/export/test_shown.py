@@ -46,7 +46,7 @@ def _moved_a_little(folder, count):
 @pytest.mark.skipif(not there_is_one(), reason="no Chromium here")
 def test_pages_play_without_network_and_without_an_error(tmp_path):
     pytest.importorskip("playwright.sync_api")
-    with chromium((640, 360)) as (page, errors):
+    with chromium((640, 360), "--disable-gpu-compositing") as (page, errors):
         for kind in ("left", "claw"):
             _plays(page, tmp_path, ResultsTable(sample_sequence(kind)[1]))
     assert errors == []

@@ -132,7 +132,7 @@ def test_a_real_hand_goes_on_where_its_joints_end(data_dir):
     run = TrackingRun.open(Session.open(folder), values)
     with np.load(folder / "reference_dlt.npz") as file:
         joints = dict(zip(file["frame"].tolist(), file["keypoints21"], strict=True))
-    first, ends, frames = 59, 60, range(59, 64)
+    first, ends, frames = 59, 60, range(59, 62)
     start = fit_keypoints(run.model, Keypoints(keypoint_names(), joints[first], 0.005))
 
     def observe(frame, bones=None):

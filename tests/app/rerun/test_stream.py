@@ -65,7 +65,7 @@ def test_the_viewer_keeps_no_statistics(viewer, tmp_path):
 def test_the_viewers_page_asks_no_other_host(viewer):
     pytest.importorskip("playwright.sync_api")
     asked = []
-    with chromium((300, 200)) as (page, _):
+    with chromium((300, 200), "--disable-gpu-compositing") as (page, _):
 
         def see(route):
             ours = route.request.url.startswith("http://127.0.0.1:")
