@@ -82,6 +82,6 @@ def _tracked(
 def keyframe_result(run: TrackingRun, frame: int, joint_params: Floats[S]) -> FrameResult:
     """Return a frame as a person posed it; nothing is known of its uncertainty."""
     model, values = run.model, np.asarray(joint_params, dtype=float)
-    params = model.transform.solver_params(values)
+    params = model.solver_params(values)
     seen = Observation(frame, float(run.session.time_s(frame)))
     return replace(posed_result(model, seen, params, Status.KEYFRAME), parameters=values)

@@ -117,7 +117,7 @@ class MaskRefinement:
 
     def outline(self, view: View, row: int) -> Bytes[H, W]:
         """Return 255 where the camera, with its lens, sees the model in a row of the track."""
-        bones = self._model.bones(self._model.transform.solver_params(self._track.parameters[row]))
+        bones = self._model.bones(self._model.solver_params(self._track.parameters[row]))
         camera, ellipsoids = view.camera, self._model.ellipsoids["fine"].posed(bones)
         drawn = 255 * model_mask(camera, ellipsoids).astype(np.uint8)
         if not camera.is_distorted:

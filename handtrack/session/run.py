@@ -242,14 +242,11 @@ class TrackingRun:
         where they show about that, or nothing, or where it is not left to the program; and where the forearm's end was estimated
         with the shape, which is more exact than how far masks reach along its axis.
         """
-        posed = sorted((r for r in tracked if r.status != Status.LOST), key=lambda r: r.frame)
+        posed = [r for r in tracked if r.status != Status.LOST]
         done = [r for r in posed if r.status == Status.TRACKED] or posed
         if not self.leaves_forearm_open or not done or self.model.kind == "body":
             return self
-        spread = evenly_spread(len(done), _ARM_FRAMES)
-        solver = self.model.transform.solver_params
-        posed = ((solver(done[i].parameters), self.observation_of(done[i])) for i in spread)
-        arm_m, before = forearm_in_view(self.model, posed), self.arm_m
+        arm_m, before = forearm_in_view(self.model, samples(self, done, _ARM_FRAMES)), self.arm_m
         if arm_m is None or arm_m == before:
             return self
         is_end_known = FOREARM_END in self.scale.proportions or abs(arm_m - before) < _ARM_ERROR_M
@@ -259,12 +256,12 @@ class TrackingRun:
 
     def joint_params_from(self, other: TrackingRun, joint_params: Floats[S]) -> Floats[S]:
         """Return joint parameters of another run, whose forearm may be another, as those of this run's model."""
-        params = other.model.transform.solver_params(joint_params)
+        params = other.model.solver_params(joint_params)
         return self.model.joint_params(carried_over(other.model, params, self.model))
 
     def observation_of(self, result: FrameResult) -> Observation:
         """Return what was observed of a tracked frame; the cloud is cropped to its pose."""
-        bones = self.model.bones(self.model.transform.solver_params(result.parameters))
+        bones = self.model.bones(self.model.solver_params(result.parameters))
         return of_model(self.observed(result.frame, bones), self.model)
 
     def with_values(self, overrides: Mapping[str, Any]) -> TrackingRun:
@@ -466,6 +463,16 @@ class TrackingRun:
         )
 
 
+def samples(
+    run: TrackingRun, results: Iterable[FrameResult], most: int
+) -> Iterator[tuple[Floats[P], Observation]]:
+    """Yield solver parameters, and what was observed, of at most so many frames, spread evenly over those given."""
+    ascending = sorted(results, key=lambda result: result.frame)
+    for row in evenly_spread(len(ascending), most):
+        result = ascending[row]
+        yield run.model.solver_params(result.parameters), run.observation_of(result)
+
+
 def poses_of_image_joints(
     session: Session, settings: TrackerSettings, first: FirstPose
 ) -> list[PoseEstimate]:
@@ -615,7 +622,7 @@ def size_of_frames(
             mean = replace(run.scale, overall=run.scale.overall if given else 1.0)
             return unmeasured_size(_subject(run).build, mean)
         subject = replace(_subject(run), sizes=sizes)
-        poses = [run.model.transform.solver_params(result.parameters) for result in chosen]
+        poses = [run.model.solver_params(result.parameters) for result in chosen]
 
         def report(share: float, step: int = step, count: int = len(chosen)) -> None:
             all_done = done + (1 - done) * (step + share) / _ROUNDS
@@ -634,7 +641,7 @@ def _assessed(
     """Return a frame alone at the pose of this person nearest to that it had, and how sure it is; None when stopped."""
     if should_stop():
         return None
-    start = run.model.clipped(run.model.transform.solver_params(result.parameters))
+    start = run.model.clipped(run.model.solver_params(result.parameters))
     tracker = Tracker(run.model, run.settings)
     return tracker.step_without_search(
         TrackerState.beginning_at(start), run.observation_of(result)
@@ -672,10 +679,9 @@ def _subject(run: TrackingRun) -> Subject:
 def _measured(run: TrackingRun, results: Sequence[FrameResult], most: int) -> float:
     """Return which share of the hand in view clouds measured, the median of frames; 1 where there are none."""
     shares = []
-    ascending = sorted(results, key=lambda r: r.frame)
-    for result in (ascending[i] for i in evenly_spread(len(ascending), most)):
-        bones = run.model.bones(run.model.transform.solver_params(result.parameters))
-        terms = frame_terms(run.model, run.settings, run.observation_of(result), bones)
+    for params, seen in samples(run, results, most):
+        bones = run.model.bones(params)
+        terms = frame_terms(run.model, run.settings, seen, bones)
         found = None if terms.cloud is None else agreement(terms.cloud, bones)
         shares += [] if found is None else [found.measured]
     return float(np.nanmedian(shares)) if np.isfinite(shares).any() else 1.0

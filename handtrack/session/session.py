@@ -204,10 +204,11 @@ class Session:
     def warnings(self) -> list[str]:
         """Oddities met so far, in plain sentences; `doctor` looks for more."""
         clouds = [] if self._clouds is None else self._clouds.warnings
-        stale = [n for n, one in self.corrections.items() if not self.is_of_calibration(n, one)]
+        applied = self._applied_corrections
         dropped = [
             f"camera '{name}': its correction does not apply, for its calibration has changed since."
-            for name in stale
+            for name in self.corrections
+            if name not in applied
         ]
         return [*(text for v in self.views for text in v.warnings), *clouds, *dropped]
 
@@ -324,18 +325,14 @@ class Session:
             return self
         changed = copy(self)
         changed.corrections = dict(corrections)
-        errors = {
-            name: one for name, one in corrections.items() if self.is_of_calibration(name, one)
-        }
+        errors = {name: one.error for name, one in changed._applied_corrections.items()}
+        cameras = self.calibrated
         changed.rig = CameraRig(
-            tuple(
-                errors[c.name].error.corrected(c) if c.name in errors else c
-                for c in self.calibrated
-            )
+            tuple(errors[c.name].corrected(c) if c.name in errors else c for c in cameras)
         )
         lags = dict(self._lags)
-        for name in errors.keys() & lags.keys():
-            lags[name] = (lags[name] or 0.0) + errors[name].error.late_frames / self.fps
+        for name, error in errors.items():
+            lags[name] = (lags[name] or 0.0) + error.late_frames / self.fps
         cameras = tuple(replace(c, lag_s=lags[c.name]) for c in self.file.cameras)
         changed.file = replace(self.file, cameras=cameras)
         changed._line, changed._camera_times = changed._read_times()
@@ -352,8 +349,7 @@ class Session:
     @property
     def corrected(self) -> dict[str, str]:
         """By how much cameras are corrected, in words, by their names."""
-        known = self.corrections.items()
-        return {n: one.error.figures for n, one in known if self.is_of_calibration(n, one)}
+        return {name: one.error.figures for name, one in self._applied_corrections.items()}
 
     @property
     def corrected_words(self) -> list[str]:
@@ -368,10 +364,14 @@ class Session:
         text = f"{rig_json(CameraRig((self.calibrated[camera],)))} {self._lags[camera]}"
         return sha256(text.encode()).hexdigest()[:16]
 
-    def is_of_calibration(self, camera: str, correction: CameraCorrection) -> bool:
-        """Return whether a correction is of the calibration that a camera has."""
-        known = camera in self.calibrated
-        return known and correction.calibration == self.calibration_digest(camera)
+    @property
+    def _applied_corrections(self) -> dict[str, CameraCorrection]:
+        """The corrections that are of the calibration that their camera has."""
+        return {
+            name: one
+            for name, one in self.corrections.items()
+            if name in self.calibrated and one.calibration == self.calibration_digest(name)
+        }
 
     def forget_observations(self) -> None:
         """Forget what was seen: masks were corrected, which may cut clouds, too."""

@@ -46,7 +46,7 @@ def wrong_side_warning(
 
     def samples() -> Iterator[tuple[Observation, Floats[P]]]:
         for frame in (frames[row] for row in rows):
-            params = model.transform.solver_params(tracked[frame])
+            params = model.solver_params(tracked[frame])
             near = hand_distance(model, model.bones(params))
             used = settings.silhouettes.weight > 0, settings.cloud.weight > 0
             yield session.observation(frame, *used, near), params

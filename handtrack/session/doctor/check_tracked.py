@@ -7,12 +7,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from handtrack.arrays import evenly_spread
 from handtrack.model.model_file import scale_from
 from handtrack.session.doctor.check_views import Finding, warning
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
-from handtrack.session.run import TrackingRun
+from handtrack.session.run import TrackingRun, samples
 from handtrack.session.session import Session
 from handtrack.session.takes.take_about import foreign_result, foreign_takes
 from handtrack.store.store import Store
@@ -56,14 +55,10 @@ def check_tracked_cameras(session: Session) -> Iterator[Finding]:
 
 def inconsistency_of_cameras(run: TrackingRun, results: Sequence[FrameResult]) -> str:
     """Return which camera the others contradict after tracking, in a sentence with figures; empty where none is to be blamed."""
-    posed = sorted((r for r in results if r.status != Status.LOST), key=lambda r: r.frame)
+    posed = [result for result in results if result.status != Status.LOST]
     if len(posed) < _FEWEST or len(run.session.views) < 2:
         return ""
-    rows = evenly_spread(len(posed), _SAMPLED)
-    seen = [
-        (run.observation_of(posed[row]), run.model.transform.solver_params(posed[row].parameters))
-        for row in rows
-    ]
+    seen = [(one, params) for params, one in samples(run, posed, _SAMPLED)]
     found = camera_inconsistencies(run.model, run.settings, seen)
     least = _LEAST_SHARE_OF_JOINTS if any(one.keypoints for one, _ in seen) else _LEAST_SHARE
     if not found or found[0].gain < _LEAST_GAIN or found[0].share < least:
