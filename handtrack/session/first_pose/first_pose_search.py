@@ -75,32 +75,31 @@ def find_first_poses(
     stop = should_stop or (lambda: False)
     searches = _MOST_TRIED + (not _is_size_known(run))
 
-    def is_over(best: list[PoseEstimate]) -> bool:
+    best: list[PoseEstimate] = []
+
+    def is_over() -> bool:
         sure = best and best[0].settled >= SURE and best[0].p_in_basin >= _KNOWN
         return stop() or bool(sure)
 
-    def surer(
-        best: list[PoseEstimate], seen: Observation, scale: HandScale, step: int
-    ) -> list[PoseEstimate]:
-        """Return the poses of this frame, looked for with a hand of that size, or the best so far if they are surer."""
+    def surer(seen: Observation, scale: HandScale, step: int) -> list[PoseEstimate]:
+        """Return the poses of this frame, looked for with a hand of that size; none where the best so far are as sure."""
 
         def report_here(share: float, text: str) -> None:
             report((step + share) / searches, f"frame {seen.frame}: {text}")
 
         found = _candidates_in(run, scale, seen, stop, report_here)
-        worse = not found or (best and found[0].confidence <= best[0].confidence)
-        return best if worse else found
+        least = best[0].confidence if best else -np.inf
+        return found if found and found[0].confidence > least else []
 
-    best: list[PoseEstimate] = []
     best_observation: Observation | None = None
     for step, seen in enumerate(_candidate_observations(run, frame)):
-        before, best = best, surer(best, seen, run.scale, step)
-        best_observation = best_observation if best is before else seen
-        if is_over(best):
+        if found := surer(seen, run.scale, step):
+            best, best_observation = found, seen
+        if is_over():
             break
-    if best_observation is not None and not is_over(best) and best[0].points is not None:
+    if best_observation is not None and not is_over() and best[0].points is not None:
         # hands of another size are found where they are as large as that
-        best = surer(best, best_observation, best[0].model.scale, _MOST_TRIED)
+        best = surer(best_observation, best[0].model.scale, _MOST_TRIED) or best
     report(1.0, "done")
     return best
 
