@@ -14,16 +14,16 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 QUICK = {
-    "silhouette_iteration_vs_blas": "silhouettes",
-    "lm_iteration_vs_blas": "silhouettes",
-    "ten_iterations_vs_blas": "silhouettes",
+    "silhouette_iteration_vs_blas": "iterations",
+    "lm_iteration_vs_blas": "iterations",
+    "ten_iterations_vs_blas": "iterations",
     "frame_vs_blas": "frames",
     "frame_p99_vs_median": "frames",
-    "pixels_64x": "silhouettes",
-    "pixels_64x_prepare": "silhouettes",
-    "cloud_iteration_vs_blas": "cloud_speed",
-    "cloud_solve_vs_scipy": "cloud_speed",
-    "cloud_lm_iteration_vs_blas": "cloud_speed",
+    "pixels_64x": "iterations",
+    "pixels_64x_prepare": "iterations",
+    "cloud_iteration_vs_blas": "iterations",
+    "cloud_solve_vs_scipy": "iterations",
+    "cloud_lm_iteration_vs_blas": "iterations",
     "jump_tree_1024": "jumps",
     "jump_polish_1024": "jumps",
 }

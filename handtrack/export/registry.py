@@ -306,7 +306,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "The moving skeleton in one file that any browser plays without network.",
         "Films and reports",
         "",
-        "shown.playback",
+        "shown.pages:write_playback",
     ),
     ExportFormat(
         "report",
@@ -314,7 +314,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         "A page on the tracking: status, confidence, curves.",
         "Films and reports",
         "",
-        "shown.report",
+        "shown.pages:write_report",
     ),
 )
 

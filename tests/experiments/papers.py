@@ -25,8 +25,8 @@ from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.observation.observation import ImageView
 from handtrack.session.layout import TRUTH_FILE
 from handtrack.simulation.motion import motion
-from handtrack.simulation.motion_files.bvh import read_bvh
-from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS
+from handtrack.simulation.motion_files.clip import read_bvh
+from handtrack.simulation.motion_files.read_motion import BANDAI_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.levenberg_marquardt import solve

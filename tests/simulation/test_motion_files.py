@@ -5,15 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import HandtrackError, load_model
-from handtrack.simulation.motion_files.asf_amc import INCH_M, read_asf_amc
-from handtrack.simulation.motion_files.bvh import read_bvh
-from handtrack.simulation.motion_files.clip import MotionClip
-from handtrack.simulation.motion_files.joint_tables import (
-    TABLES,
-    matched_joints,
-)
+from handtrack.simulation.motion_files.clip import INCH_M, MotionClip, read_asf_amc, read_bvh
 from handtrack.simulation.motion_files.read_motion import (
+    TABLES,
     in_metres,
+    matched_joints,
     turned_upright,
     upright_axis,
 )

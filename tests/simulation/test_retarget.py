@@ -5,8 +5,8 @@ import pytest
 
 from handtrack import HandScale, load_model
 from handtrack.simulation.motion import motion
-from handtrack.simulation.motion_files.bvh import read_bvh
-from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS, CMU_WRIST_JOINTS
+from handtrack.simulation.motion_files.clip import read_bvh
+from handtrack.simulation.motion_files.read_motion import BANDAI_JOINTS, CMU_WRIST_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget, retarget_errors
 
 

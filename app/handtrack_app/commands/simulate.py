@@ -14,25 +14,26 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model, read_scale
 from handtrack.session.formats.tables import write_npz
-from handtrack.simulation.captured import (
+from handtrack.simulation.motion import MOTIONS
+from handtrack.simulation.motion_files.clip import MotionClip
+from handtrack.simulation.motion_files.read_motion import (
+    axis_words,
+    in_metres,
+    matched_joints,
+    read_motion,
+    read_table,
+    upright_axis,
+)
+from handtrack.simulation.retarget import (
     Captured,
     captured,
     custom_motion,
     model_builder,
+    own_params,
     result_of,
     staged,
     write_captured,
 )
-from handtrack.simulation.motion import MOTIONS
-from handtrack.simulation.motion_files.clip import MotionClip
-from handtrack.simulation.motion_files.joint_tables import matched_joints, read_table
-from handtrack.simulation.motion_files.read_motion import (
-    axis_words,
-    in_metres,
-    read_motion,
-    upright_axis,
-)
-from handtrack.simulation.retarget import own_params
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.commands.terminal.output import (
     answer,

@@ -45,7 +45,6 @@ class JumpScene:
     """One pose, its image joints, and the minimum that descent reaches from the truth."""
 
     model: ArticulatedModel
-    camera: Camera
     observed: ImageKeypoints
     priors: list[ParameterTerm]
     start: Floats[P]
@@ -67,7 +66,9 @@ class JumpScene:
     def tree(self, limbs: Sequence[str]) -> Floats[N, P]:
         """Return all flips of limbs at the start that put the seen joints where they are seen."""
         chains = [limb_chains(self.model)[name] for name in limbs]
-        return interpretation_tree(self.model, self.start, chains, self.camera, self.targets)
+        return interpretation_tree(
+            self.model, self.start, chains, self.observed.camera, self.targets
+        )
 
 
 @lru_cache(maxsize=4)
@@ -150,7 +151,7 @@ def jump_scene(seed: int) -> JumpScene:
     seen = ImageKeypoints(camera, names, pixels, 1.0)
     priors = pose_priors(model, points_rest(model), 0.0)
     empty = np.zeros((len(truth), len(truth)))
-    scene = JumpScene(model, camera, seen, priors, truth, empty)
+    scene = JumpScene(model, seen, priors, truth, empty)
     found = scene.polished(truth[None])
     assert found.is_minimum[0], "descent from the truth ended in no minimum"
     spread, _ = covariance(found.normal[0])

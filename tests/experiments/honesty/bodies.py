@@ -29,10 +29,8 @@ from handtrack import (
 from handtrack.arrays import D2, D3, Axes, C, F, Floats, J
 from handtrack.bench.measuring import data_folder
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.simulation.motion_files.asf_amc import read_asf_amc
-from handtrack.simulation.motion_files.bvh import read_bvh
-from handtrack.simulation.motion_files.clip import MotionClip
-from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS, CMU_JOINTS
+from handtrack.simulation.motion_files.clip import MotionClip, read_asf_amc, read_bvh
+from handtrack.simulation.motion_files.read_motion import BANDAI_JOINTS, CMU_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget
 from handtrack.tracking.frame.confidence import BODY_OFF_M
 from handtrack.tracking.sequence import track_recording

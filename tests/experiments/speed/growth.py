@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from handtrack import Session, TrackerState, TrackingRun, bundled_session
-from handtrack.bench.cloud_speed import SIGMA_M, cloud_scene
+from handtrack.bench.iterations import SIGMA_M, ThreeViews, cloud_scene
 from handtrack.bench.measuring import alone, alternating_timings, ratio_figures
-from handtrack.bench.silhouettes import ThreeViews
 from handtrack.session.takes.take_about import about_take
 from handtrack.solver.problem import Problem
 from handtrack.store.store import Store, WritableStore
