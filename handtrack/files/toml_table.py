@@ -40,7 +40,8 @@ def one_of(known: Sequence[str]) -> Meta:
 
 
 def read_table(kind: type[T], table: Any, where: str, also: Sequence[str] = (), **ready: Any) -> T:
-    """Return a table's values as a dataclass, some of which are `ready` already.
+    """Return a table's values as a dataclass, some of which are `ready` already: the table has these only as far as the caller
+    reads them.
 
     Parameters
     ----------
@@ -57,7 +58,8 @@ def read_table(kind: type[T], table: Any, where: str, also: Sequence[str] = (), 
         do not go together.
     """
     table = checked_table(table, where)
-    known = [*also, *(field.name for field in fields(kind))]  # type: ignore[arg-type]
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    known = [*also, *(name for name in names if name not in ready)]
     for key in table:
         if key not in known:
             raise HandtrackError(
@@ -65,7 +67,7 @@ def read_table(kind: type[T], table: Any, where: str, also: Sequence[str] = (), 
             )
     types = _types(kind)
     values = dict[str, Any]()
-    for key in [key for key in table if key not in ready and key not in also]:
+    for key in [key for key in table if key not in also]:
         try:
             values[key] = msgspec.convert(table[key], types[key])
         except msgspec.ValidationError:

@@ -26,8 +26,8 @@ _NAMES = 'a list of camera names, such as ["cam0"]'
 
 
 @dataclass(frozen=True)
-class CloudOrigin:
-    """Where point clouds come from: exactly one of these."""
+class CloudSettings:
+    """[clouds]: where point clouds come from, one of `files`, `stereo` and `depth`, and what is said of filters and matching."""
 
     files: Annotated[str, FULL] | None = None
     """a pattern of .ply or .npz files."""
@@ -35,12 +35,6 @@ class CloudOrigin:
     """pairs of cameras to match."""
     depth: Annotated[tuple[str, ...], Meta(min_length=1, description=_NAMES)] = ()
     """cameras whose depth is used."""
-
-
-@dataclass(frozen=True)
-class CloudSettings(CloudOrigin):
-    """[clouds]: where point clouds come from, and what is said of filters and matching."""
-
     given: Mapping[str, Any] = field(default_factory=dict)
     """settings by name, as far as they are given; False: off. The others are as usual for the source."""
     by_method: Mapping[str, Any] = field(default_factory=dict)
@@ -138,7 +132,8 @@ def read_clouds(values: Any, cameras: Sequence[Any], where: str) -> CloudSetting
             f"{where}: expected exactly one of {', '.join(_CLOUD_SOURCES)}; found "
             f"{', '.join(sources) or 'none'}."
         )
-    source = read_table(CloudOrigin, table, where, also=tuple(CLOUD_SETTINGS))
+    also = tuple(CLOUD_SETTINGS)
+    source = read_table(CloudSettings, table, where, also, given={}, by_method={})
     for left, right in source.stereo:
         if left == right:
             raise HandtrackError(f"{where}: stereo = {shown(table['stereo'])}; expected {_PAIRS}.")
@@ -147,7 +142,7 @@ def read_clouds(values: Any, cameras: Sequence[Any], where: str) -> CloudSetting
     given = {name: table[name] for name in CLOUD_SETTINGS if name in table}
     if "skin" in given:
         given["skin"] = read_table(SkinEllipse, given["skin"], f"{where}, skin")
-    return CloudSettings(**vars(source)).with_values(given, where)
+    return source.with_values(given, where)
 
 
 def _check_names(names: Sequence[str], cameras: Sequence[Any], needs: str, what: str) -> None:

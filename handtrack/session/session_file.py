@@ -288,7 +288,8 @@ def _camera(table: Any, path: Path, number: int) -> CameraSettings:
     lens = table.get("lens")
     if lens is not None:
         lens = read_table(LensSettings, lens, f"{where}, lens")
-    camera = read_table(CameraSettings, table, where, masks=masks, lens=lens)
+    also = ("masks", "lens")
+    camera = read_table(CameraSettings, table, where, also, masks=masks, lens=lens)
     wrong = missing_counterpart(camera)
     if wrong is not None:
         raise HandtrackError(f"{where}: {wrong}")
