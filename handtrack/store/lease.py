@@ -50,13 +50,6 @@ class Holder:
 class LeaseTaken(HandtrackError):
     """Another program writes to this store."""
 
-    def __init__(self, folder: Path, holder: Holder) -> None:
-        super().__init__(
-            f"{folder} is being written to by {holder}, so nothing was changed. Wait for it or end it; or take over "
-            "(give the same command `--take-over`): then it can write no more."
-        )
-        self.holder = holder
-
 
 def holder_of(folder: Path) -> Holder | None:
     """Return who holds the lease of a store, None when nobody that lives does."""
@@ -94,7 +87,10 @@ class Lease:
             if before is not None and not take_over:
                 holder = _read(before)
                 if _lives(holder, before):
-                    raise LeaseTaken(folder, holder)
+                    raise LeaseTaken(
+                        f"{folder} is being written to by {holder}, so nothing was changed. Wait for it or end it; or take over "
+                        "(give the same command `--take-over`): then it can write no more."
+                    )
             generation = max(least, 1 if before is None else _generation(before) + 1)
             pid, now = os.getpid(), time.strftime("%Y-%m-%d %H:%M:%S")
             host, started = socket.gethostname(), _process_start(pid)
