@@ -68,7 +68,6 @@ class ManoModel:
     weights: Floats[V, D16]
     parent: Ints[D16]
     """−1 of the wrist"""
-    faces: Ints[F, D3]
 
     @classmethod
     def read(cls, path: Path) -> ManoModel:
@@ -81,14 +80,13 @@ class ManoModel:
             "J_regressor",
             "weights",
             "kintree_table",
-            "f",
         )
         missing = [name for name in names if name not in tree]
         if missing:
             raise HandtrackError(
                 f"{path}: no MANO model: {', '.join(missing)} missing; there are {', '.join(map(str, tree))[:200]}."
             )
-        template, shapes, poses, regressor, weights, tree_table, faces = (
+        template, shapes, poses, regressor, weights, tree_table = (
             _dense(tree[name]) for name in names
         )
         if template.shape != (_VERTICES, 3) or weights.shape != (_VERTICES, JOINTS):
@@ -98,7 +96,7 @@ class ManoModel:
             )
         parent = tree_table[0].astype(np.int64)
         parent[0] = -1
-        return cls(template, shapes, poses, regressor, weights, parent, faces.astype(np.int64))
+        return cls(template, shapes, poses, regressor, weights, parent)
 
     def shaped(self, betas: Floats[K]) -> tuple[Floats[V, D3], Floats[D16, D3]]:
         """Return the vertices and joints [m] of a shape in the zero pose. Fewer numbers than it has leave the others 0."""

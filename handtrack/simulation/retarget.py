@@ -331,10 +331,10 @@ def distance_m(positions: Floats[F, J, D3]) -> float:
     return float(np.nanmax(np.linalg.norm(positions, axis=2))) / _VIEW * (1.0 + _VIEW)
 
 
-def custom_motion(motion: Captured, name: str) -> CustomMotion:
+def custom_motion(motion: Captured) -> CustomMotion:
     """Return a motion that was staged, to be rendered."""
     joint = np.stack([motion.model.joint_params(params) for params in motion.params])
-    return CustomMotion(name, motion.model, joint, distance_m(motion.clip.positions))
+    return CustomMotion(motion.model, joint, distance_m(motion.clip.positions))
 
 
 def _middle(positions: Floats[F, J, D3]) -> Floats[D3]:

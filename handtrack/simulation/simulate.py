@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import looking_along
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, write_scale
 from handtrack.observation.truth import Truth
 from handtrack.session import layout
@@ -114,7 +115,6 @@ def simulated_rig(
 class CustomMotion:
     """A motion to be rendered in place of a named one."""
 
-    name: str
     model: ArticulatedModel
     joint: Floats[F, S]
     """joint parameters, about the world's origin, +y up"""
@@ -135,7 +135,7 @@ def simulate(
     Parameters
     ----------
     known
-        Takes the place of model, motion, frames, side and scale; its size is saved in the folder.
+        Takes the place of model, motion (whose name alone counts), frames, side and scale; its size is saved in the folder.
 
     Raises
     ------
@@ -157,12 +157,13 @@ def simulate(
     rig = simulated_rig(what.cameras, what.size, distance_m, what.distortion)
     folder.mkdir(parents=True, exist_ok=True)
     write_rig(folder / layout.CALIBRATION_FILE, rig)
-    _render_all(folder, what, model, rig, joint, progress)
-    _write_truth(folder, what, model, joint)
+    poses = [model.bones(model.transform.solver_params(params)) for params in joint]
+    _render_all(folder, what, model, rig, poses, progress)
+    _write_truth(folder, what, model, poses)
     _write_init(folder, what, model, joint[0], rng)
     layouts = None
     if what.joints_px is not None:
-        layouts = write_noisy_joints(folder, model, rig, joint, what.joints_px, rng)
+        layouts = write_noisy_joints(folder, model, rig, poses, what.joints_px, rng)
     entries = tuple(
         CameraSettings(
             name=camera.name,
@@ -173,8 +174,7 @@ def simulate(
         )
         for camera in rig.cameras
     )
-    name = what.motion if known is None else known.name
-    recording = RecordingSettings(name=f"simulated {name}", fps=what.fps)
+    recording = RecordingSettings(name=f"simulated {what.motion}", fps=what.fps)
     hand = HandSettings(model=what.model, side=what.side, scale=what.scale)
     if known is not None:
         write_scale(folder / SCALE_FILE, model.scale)
@@ -191,7 +191,7 @@ def _render_all(
     what: Simulation,
     model: ArticulatedModel,
     rig: CameraRig,
-    joint: Floats,
+    poses: Sequence[BonePoses],
     progress: Callable[[int, int], None] | None,
 ) -> None:
     ellipsoids = model.ellipsoids["fine"]
@@ -202,9 +202,8 @@ def _render_all(
         masks = folder / "masks" / camera.name
         masks.mkdir(parents=True)
         video = _video(folder / f"{camera.name}.mp4", what) if what.images else None
-        for frame, params in enumerate(joint):
-            posed = ellipsoids.posed(model.bones(model.transform.solver_params(params)))
-            front, depth, normal = render(camera, posed, rays)
+        for frame, bones in enumerate(poses):
+            front, depth, normal = render(camera, ellipsoids.posed(bones), rays)
             if what.clouds:
                 clouds.setdefault(frame, []).append(depth_cloud(camera, depth))
             mask = np.where(front >= 0, 255, 0).astype(np.uint8)
@@ -213,7 +212,7 @@ def _render_all(
                 picture = shade(front, normal, colors, _backdrop(what.size))
                 video.write(np.ascontiguousarray(picture[..., ::-1]))
             if progress is not None:
-                progress(c * len(joint) + frame + 1, len(joint) * len(rig.cameras))
+                progress(c * len(poses) + frame + 1, len(poses) * len(rig.cameras))
         if video is not None:
             video.release()
     write_clouds(folder, clouds)
@@ -238,11 +237,12 @@ def _saved(path: Path, image: Array) -> None:
         raise HandtrackError(f"simulate: could not write {path}; is the disk full or read-only?")
 
 
-def _write_truth(folder: Path, what: Simulation, model: ArticulatedModel, joint: Floats) -> None:
-    bones = [model.bones(model.transform.solver_params(params)) for params in joint]
-    joints = np.stack([model.joint_positions(b) for b in bones])
-    points = np.stack([model.keypoints21(b) for b in bones]) if model.has_keypoints21 else None
-    frame = np.arange(len(joint))
+def _write_truth(
+    folder: Path, what: Simulation, model: ArticulatedModel, poses: Sequence[BonePoses]
+) -> None:
+    joints = np.stack([model.joint_positions(b) for b in poses])
+    points = np.stack([model.keypoints21(b) for b in poses]) if model.has_keypoints21 else None
+    frame = np.arange(len(poses))
     truth = Truth(frame, frame / what.fps, points, model.joint_names, joints)
     write_truth(folder / layout.TRUTH_FILE, truth)
 
@@ -284,20 +284,16 @@ def write_noisy_joints(
     folder: Path,
     model: ArticulatedModel,
     rig: CameraRig,
-    joint: Floats[F, S],
+    poses: Sequence[BonePoses],
     sigma_px: float,
     rng: np.random.Generator,
 ) -> str:
     """Write every camera's 2D joints of a motion to `joints/CAMERA`, off by noise; return their layout."""
     layout = layout_of_model(model)
-    places = [
-        model.joint_positions(model.bones(model.transform.solver_params(params)))
-        for params in joint
-    ]
     for camera in rig:
         frames = {}
-        for frame, points in enumerate(places):
-            pixels = camera.project(points)
+        for frame, bones in enumerate(poses):
+            pixels = camera.project(model.joint_positions(bones))
             noisy = pixels + rng.normal(scale=sigma_px, size=pixels.shape)
             frames[frame] = points_of(LAYOUTS[layout], model.joint_names, noisy)
         write_joints(frames, layout, folder / "joints" / camera.name)

@@ -65,7 +65,7 @@ def misleading(folder, arm):
     for one in (not arm, arm):
         model = load_model(forearm=one)
         joint = motion(model, "open_fist_open", 40, np.random.default_rng(0))[:4]
-        known = CustomMotion("opening", model, joint, 0.0)
+        known = CustomMotion(model, joint, 0.0)
         made.append(simulate(folder / str(one), what, known=known))
     for mask in (made[0] / "masks").glob("*/*0000.*"):
         (made[1] / mask.relative_to(made[0])).write_bytes(mask.read_bytes())

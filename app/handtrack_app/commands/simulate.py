@@ -73,7 +73,7 @@ def run(options: Namespace) -> int:
         clip = clip.resampled(options.fps)
         clip = staged(replace(clip, positions=clip.positions[: options.frames]))
         frames = len(clip.positions)
-        known = custom_motion(fitted(model, options.side, clip), file.name)
+        known = custom_motion(fitted(model, options.side, clip))
     what = Simulation(
         model=model,
         cameras=options.cameras,
