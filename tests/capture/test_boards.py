@@ -10,17 +10,15 @@ import pytest
 from PIL import Image
 
 from handtrack import CameraRig, HandtrackError
-from handtrack.capture.calibration.board_views import (
-    BoardView,
-    CameraViews,
-    find_board,
-    search_views,
-)
 from handtrack.capture.calibration.boards import (
     Board,
+    BoardView,
+    CameraViews,
     draw_board,
+    find_board,
     page_size_mm,
     parse_board,
+    search_views,
     write_board,
 )
 from handtrack.capture.calibration.bundle_adjustment import (

@@ -11,18 +11,16 @@ from pathlib import Path
 import cv2
 
 from handtrack.arrays import Array
-from handtrack.capture.calibration.board_views import (
-    CameraViews,
-    frames_to_search,
-    natural_order,
-    require_views,
-    search_views,
-)
 from handtrack.capture.calibration.boards import (
     FORMATS,
     Board,
+    CameraViews,
+    frames_to_search,
+    natural_order,
     page_size_mm,
     parse_board,
+    require_views,
+    search_views,
     write_board,
 )
 from handtrack.capture.calibration.rig_calibration import (

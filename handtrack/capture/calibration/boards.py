@@ -1,4 +1,4 @@
-"""Calibration boards: chessboards and ChArUco boards, written as one short text.
+"""Calibration boards: chessboards and ChArUco boards, written as one short text, drawn to be printed, and found in images.
 
 `chessboard:9x6:25mm` has 9 x 6 *inner* corners and squares of 25 mm; `charuco:7x5:30mm:22mm:DICT_4X4_50`
 has 7 x 5 *squares* of 30 mm with markers of 22 mm. Board frame: x along a row to the right, y down the
@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import io
 import re
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from handtrack.arrays import D3, D4, Bytes, Floats, H, Ints, N, R, W, runs
+from handtrack.arrays import D2, D3, D4, Array, Axes, Bytes, Floats, H, Ints, N, R, W, runs
+from handtrack.capture.images.frames import FrameSource
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.text_files import UNITS_M
 
@@ -298,3 +301,456 @@ def _png(board: Board, dpi: float) -> bytes:
     file = io.BytesIO()
     Image.fromarray(page).save(file, "PNG", dpi=(dpi, dpi))
     return file.getvalue()
+
+
+# ---- Views of a board: numbered inner corners to a fraction of a pixel, of those images that are worth calibrating with
+
+
+_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+_LARGE = 2000  # [px] longer side above which corners are first looked for in a half-size image
+_LEAST_CORNERS = 8  # of a ChArUco board that is partly seen; a pose needs four, a check more
+
+
+@dataclass(frozen=True)
+class BoardView:
+    """A board as one camera saw it in one frame."""
+
+    frame: int
+    ids: Ints[N]
+    """rows of the board's `points`."""
+    pixels: Floats[N, D2]
+    blur_px: float
+    """width of the board's edges [px]: about 1.5 to 2 in a sharp image."""
+    source: str = ""
+    """file or frame, for messages."""
+    goes_on: bool = False
+    """whether the squares go on beyond the board's edge: the board is larger than was said."""
+
+
+def find_board(
+    image: Array[H, W, *Axes],
+    board: Board,
+    frame: int = 0,
+    source: str = "",
+    thorough: bool = False,
+) -> BoardView | None:
+    """Return the board in an image (H, W[, 3]) uint8, None where it is not (fully) seen.
+
+    Parameters
+    ----------
+    thorough
+        Take a second or two an image for hard ones: blurred, or lit unevenly.
+    """
+    gray: Bytes = (
+        image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    )
+    is_charuco = bool(board.dictionary)
+    found = _find_charuco(gray, board) if is_charuco else _find_chessboard(gray, board, thorough)
+    if found is None:
+        return None
+    ids, pixels = found
+    goes_on = not is_charuco and _goes_on(gray, board, pixels)
+    return BoardView(frame, ids, pixels, _blur(gray, board, ids, pixels), source, goes_on)
+
+
+def _find_charuco(gray: Bytes, board: Board) -> tuple[Ints, Floats] | None:
+    corners, ids, *_ = cv2.aruco.CharucoDetector(board.cv2_board).detectBoard(gray)
+    if ids is None or len(ids) < _LEAST_CORNERS:
+        return None
+    numbers = np.array(ids, dtype=np.int64).reshape(-1)
+    rows, columns = np.divmod(numbers, board.columns - 1)
+    if len(np.unique(rows)) < 2 or len(np.unique(columns)) < 2:
+        return None  # all in one line: no pose
+    pixels = np.array(corners, dtype=float).reshape(-1, 2)
+    # OpenCV 4's own refinement leaves half a pixel where markers are large; 5's does not
+    sides = _grid_lines(board, numbers, pixels)
+    side = float(np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1).min()) if len(sides) else 0.0
+    return numbers, _refined(gray, pixels, side * _free(board))
+
+
+def _find_chessboard(gray: Bytes, board: Board, thorough: bool) -> tuple[Ints, Floats] | None:
+    size = (board.columns, board.rows)
+    half = max(gray.shape) > _LARGE
+    searched = cv2.pyrDown(gray) if half else gray
+    found, corners = cv2.findChessboardCorners(searched, size, flags=_FLAGS)
+    if not found and thorough:
+        flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+        found, corners = cv2.findChessboardCornersSB(searched, size, flags=flags)
+    if not found:
+        return None
+    pixels = np.array(corners, dtype=float).reshape(-1, 2) * (2 if half else 1)
+    grid = _oriented(gray, pixels.reshape(board.rows, board.columns, 2))
+    if grid is None:
+        return None
+    sides = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1)]
+    return np.arange(len(pixels)), _refined(gray, grid.reshape(-1, 2), min(sides) * _free(board))
+
+
+def _free(board: Board) -> float:
+    """Return how far from a corner there is nothing but its own edges, as a share of the square."""
+    if board.dictionary:
+        return 0.45 * (1 - board.marker_m / board.square_m)
+    return 0.35
+
+
+def _refined(gray: Bytes, pixels: Floats, free_px: float) -> Floats:
+    """Return corners (N, 2) moved to where their edges meet, looking `free_px` about them."""
+    window = int(np.clip(free_px, 2, 11))
+    points = np.ascontiguousarray(pixels.reshape(-1, 1, 2), dtype=np.float32)
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
+    refined = cv2.cornerSubPix(gray, points, (window, window), (-1, -1), stop)
+    return np.array(refined, dtype=float).reshape(-1, 2)
+
+
+def _oriented(gray: Bytes, grid: Floats) -> Floats | None:
+    """Return corners (rows, columns, 2) numbered as the board is: not mirrored, first square black.
+
+    The detectors number from either end. Where colours leave a choice, the numbering whose first
+    corner is nearest to the image's upper left is taken. None when no numbering fits the colours.
+    """
+    turned = [np.rot90(grid, k) for k in range(4)]
+    orientations = [
+        corners
+        for corners in (*turned, *(corners[:, ::-1] for corners in turned))
+        if corners.shape == grid.shape
+    ]
+    fitting = [
+        corners
+        for corners in orientations
+        if not _mirrored(corners) and _black_first(gray, corners)
+    ]
+    return min(fitting, key=lambda corners: float(corners[0, 0].sum()), default=None)
+
+
+def _mirrored(grid: Floats) -> bool:
+    right = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0)
+    down = grid[-1].mean(axis=0) - grid[0].mean(axis=0)
+    return bool(right[0] * down[1] - right[1] * down[0] < 0)
+
+
+def _black_first(gray: Bytes, grid: Floats) -> bool:
+    """Whether the squares like the one between the first four corners are darker than the others."""
+    centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
+    column = np.clip(centres[..., 0].round().astype(int), 0, gray.shape[1] - 1)
+    row = np.clip(centres[..., 1].round().astype(int), 0, gray.shape[0] - 1)
+    value = cv2.GaussianBlur(gray, (3, 3), 0)[row, column].astype(float)
+    like_first = np.add.outer(np.arange(value.shape[0]), np.arange(value.shape[1])) % 2 == 0
+    return bool(value[like_first].mean() < value[~like_first].mean())
+
+
+def _goes_on(gray: Bytes, board: Board, pixels: Floats) -> bool:
+    """Whether squares alternate beyond the outer ones, on some side; a detector may find a part of a
+    larger board at a smaller size."""
+    columns, rows = board.columns, board.rows
+    corners = board.points[:, :2] / board.square_m
+    homography, _ = cv2.findHomography(corners, pixels)
+    if homography is None:
+        return False
+    along_x, along_y = np.arange(columns - 1) + 0.5, np.arange(rows - 1) + 0.5
+    inner = np.stack(np.meshgrid(along_x, along_y), -1).reshape(-1, 2)
+    contrast = _alternation(gray, inner, homography)
+    just = (
+        0.2  # of a square beyond the outer ones, as the last squares of some boards are cut narrow
+    )
+    sides = [
+        *(np.stack([along_x, np.full(columns - 1, y)], -1) for y in (-1 - just, rows + just)),
+        *(np.stack([np.full(rows - 1, x), along_y], -1) for x in (-1 - just, columns + just)),
+    ]
+    return any(_alternation(gray, side, homography) > 0.5 * contrast for side in sides)
+
+
+def _alternation(gray: Bytes, cells: Floats, homography: Array) -> float:
+    """Return how much brighter the white squares among cells (N, 2) are than the black ones; 0 when
+    they are not in the image."""
+    places = cv2.perspectiveTransform(cells[:, None], homography)[:, 0].round().astype(int)
+    height, width = gray.shape
+    inside = ((places >= 0) & (places < [width, height])).all(axis=1)
+    black = np.floor(cells).sum(axis=1) % 2 == 0
+    if not (inside & black).any() or not (inside & ~black).any():
+        return 0.0
+    values = gray[places[:, 1].clip(0, height - 1), places[:, 0].clip(0, width - 1)].astype(float)
+    return float(values[inside & ~black].mean() - values[inside & black].mean())
+
+
+def _blur(gray: Bytes, board: Board, ids: Ints, pixels: Floats) -> float:
+    """Return the width of the board's edges [px].
+
+    An edge of contrast C and width w has ∫ |∇I|² = C² / w across it, so that w is C² times the
+    edges' length over the sum of |∇I|² along them, here in strips about the grid's lines.
+    """
+    segments = _grid_lines(board, ids, pixels)
+    if not len(segments):
+        return float("inf")
+    start, end = segments[:, 0], segments[:, 1]
+    length = np.linalg.norm(end - start, axis=1)
+    reach = float(np.clip(_free(board) * np.median(length), 2, 12))
+    along = start[:, None] + (end - start)[:, None] * np.linspace(0.25, 0.75, 9)[None, :, None]
+    normal = np.stack([-(end - start)[:, 1], (end - start)[:, 0]], -1) / length[:, None]
+    across = np.arange(-reach, reach + 0.25, 0.5)
+    points = along[:, :, None] + normal[:, None, None] * across[None, None, :, None]
+    flat = points.reshape(len(segments) * along.shape[1], len(across), 2).astype(np.float32)
+    profile = cv2.remap(gray, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    profile = profile.astype(float)
+    contrast = np.abs(profile[:, -1] - profile[:, 0])
+    energy = (np.diff(profile, axis=1) ** 2).sum(axis=1) / 0.5
+    clear = contrast > 0.5 * np.median(contrast)
+    widths = contrast[clear] ** 2 / np.maximum(energy[clear], 1e-9)
+    return float(np.median(widths)) if clear.any() else float("inf")
+
+
+def _grid_lines(board: Board, ids: Ints, pixels: Floats) -> Floats:
+    """Return (L, 2, 2) the sides of squares, ends in pixels, whose two corners were found."""
+    place = {
+        tuple(np.round(board.points[i, :2] / board.square_m).astype(int)): p
+        for i, p in zip(ids, pixels)
+    }
+    lines = [
+        (p, place[near])
+        for (column, row), p in place.items()
+        for near in ((column + 1, row), (column, row + 1))
+        if near in place
+    ]
+    return np.array(lines, dtype=float).reshape(-1, 2, 2)
+
+
+_BLURRED = 1.6  # times the camera's median edge width: left out where there are enough others
+_THOROUGH_UP_TO = 60  # images: more is a video, where one view less does not matter
+
+
+@dataclass(frozen=True)
+class CameraViews:
+    """What one camera saw of the board."""
+
+    name: str
+    size: tuple[int, int]
+    """width, height [px]."""
+    shared: tuple[BoardView, ...]
+    """views synchronised with the other cameras by frame number"""
+    alone: tuple[BoardView, ...] = ()
+    """views for this camera's lens alone"""
+    tried: int = 0
+    """images that were searched"""
+    where: str = ""
+    """files, for messages"""
+    poses: tuple[Floats[D4, D4], ...] = ()
+    """T_camera_board of its views, shared ones first; none before its lens was fitted"""
+
+    @property
+    def views(self) -> tuple[BoardView, ...]:
+        """All of them, shared ones first."""
+        return *self.shared, *self.alone
+
+    def only(self, keep: Callable[[BoardView], bool]) -> CameraViews:
+        """Return the same camera with some of its views."""
+        shared, alone = (tuple(filter(keep, views)) for views in (self.shared, self.alone))
+        return replace(self, shared=shared, alone=alone)
+
+
+def frames_to_search(sources: Iterable[FrameSource], most: int) -> range:
+    """Return the frames to look at in all cameras alike: every one, or every n-th of a long video."""
+    count = max((len(source.frames) for source in sources), default=0)
+    return range(0, count, max(1, -(-count // most)))
+
+
+def search_views(
+    source: FrameSource,
+    board: Board,
+    frames: Iterable[int],
+    progress: Callable[[], object] = lambda: None,
+) -> tuple[list[BoardView], tuple[int, int] | None, int]:
+    """Return the views of the board in a source, the image size and how many images there were.
+
+    Parameters
+    ----------
+    progress
+        Called after each image; it may raise to stop.
+
+    Raises
+    ------
+    HandtrackError
+        When images of one camera differ in size.
+    """
+    frames = [frame for frame in frames if source.has(frame)]
+    thorough = len(frames) <= _THOROUGH_UP_TO
+    views: list[BoardView] = []
+    size: tuple[int, int] | None = None
+    first, tried = "", 0
+    for frame in frames:
+        image = source.read(frame)
+        progress()
+        if image is None:
+            continue
+        tried += 1
+        here = _name(source, frame)
+        found = (image.shape[1], image.shape[0])
+        if size is not None and found != size:
+            raise HandtrackError(
+                f"{here} is {found[0]} x {found[1]}, but {first} of the same camera is {size[0]} x "
+                f"{size[1]}; expected one size, that of the recordings to be tracked. Leave the "
+                "others out."
+            )
+        size, first = found, first or here
+        view = find_board(image, board, frame, here, thorough)
+        if view is not None:
+            views.append(view)
+    return views, size, tried
+
+
+def _name(source: FrameSource, frame: int) -> str:
+    path = getattr(source, "path", None)
+    return str(path(frame)) if callable(path) else f"{source.where}, frame {frame}"
+
+
+def natural_order(paths: Iterable[Path]) -> list[Path]:
+    """Return files by the numbers in their names: img2 before img10."""
+    return sorted(
+        paths,
+        key=lambda p: [int(t) if t.isdecimal() else t for t in re.split(r"(\d+)", str(p))],
+    )
+
+
+def choose_views(cameras: Sequence[CameraViews], most: int) -> list[CameraViews]:
+    """Return the cameras with at most `most` views each: sharp ones, spread over place, size and tilt.
+
+    Frames are chosen once for all cameras, so that views stay common ones.
+    """
+    sharp = [_without_blurred(camera) for camera in cameras]
+    frames = _spread_frames(sharp, most)
+    chosen = []
+    for camera in sharp:
+        shared = tuple(view for view in camera.shared if view.frame in frames)
+        alone = camera.alone
+        if len(alone) > most:
+            alone = tuple(alone[i] for i in _farthest(_descriptions(camera, alone), most))
+        chosen.append(replace(camera, shared=shared, alone=alone))
+    return chosen
+
+
+def _without_blurred(camera: CameraViews) -> CameraViews:
+    if len(camera.views) < 12:
+        return camera  # too few to be choosy
+    limit = _BLURRED * float(np.median([view.blur_px for view in camera.views]))
+    return camera.only(lambda view: view.blur_px <= limit)
+
+
+def _spread_frames(cameras: Sequence[CameraViews], most: int) -> set[int]:
+    """Return frames such that each camera has up to `most`; frames that more cameras see go first."""
+    seen = Counter(view.frame for camera in cameras for view in camera.shared)
+    frames: set[int] = set()
+    # first per number of cameras: what all see binds the rig together
+    for camera in sorted(cameras, key=lambda c: len(c.shared)):
+        have = [i for i, view in enumerate(camera.shared) if view.frame in frames]
+        weight = np.array([seen[view.frame] for view in camera.shared], dtype=float)
+        rows = _farthest(_descriptions(camera, camera.shared), most, have, weight)
+        frames |= {camera.shared[i].frame for i in rows}
+    for camera in cameras:  # others' choices may have brought more than wanted
+        extra = [view.frame for view in camera.shared if view.frame in frames]
+        if len(extra) > 2 * most:
+            frames -= {f for f in extra[:: max(2, len(extra) // most)] if seen[f] == 1}
+    return frames
+
+
+def _descriptions(camera: CameraViews, views: Sequence[BoardView]) -> Floats:
+    """Return (V, 6) what matters in a view: place, size, tilt; each about 0 to 1."""
+    rows = []
+    for view in views:
+        middle = view.pixels.mean(axis=0)
+        spread = view.pixels - middle
+        box = np.maximum(np.ptp(view.pixels, axis=0), 1e-9)
+        _, values, _ = np.linalg.svd(spread.T @ spread / len(spread))
+        long, short = np.sqrt(values)
+        # how much corners crowd to one side, along x and y: the sign of a tilt
+        crowded = 4 * (-spread.min(axis=0) / box - 0.5)
+        rows.append([*middle / camera.size, 2 * long / camera.size[0], short / long, *crowded])
+    return np.array(rows).reshape(len(views), 6)
+
+
+def _farthest(
+    rows: Floats, most: int, have: Sequence[int] = (), weight: Array | None = None
+) -> list[int]:
+    """Return up to `most` rows, each next one the farthest from all before, begun with `have`."""
+    chosen = list(have)
+    if len(rows) <= most:
+        return list(range(len(rows)))
+    weight = np.ones(len(rows)) if weight is None else weight
+    if not chosen:
+        middle = np.median(rows, axis=0)
+        chosen = [int(np.argmax(weight - 0.1 * np.linalg.norm(rows - middle, axis=1)))]
+    distance = np.min([np.linalg.norm(rows - rows[i], axis=1) for i in chosen], axis=0)
+    while len(chosen) < most:
+        best = int(np.argmax(distance * weight))
+        if distance[best] <= 0:
+            break
+        chosen.append(best)
+        distance = np.minimum(distance, np.linalg.norm(rows - rows[best], axis=1))
+    return chosen
+
+
+def require_views(
+    board: Board, cameras: Sequence[CameraViews], images: Callable[[], list[Array[H, W, *Axes]]]
+) -> None:
+    """Raise HandtrackError when a camera never saw the board, or it is larger than was said.
+
+    Parameters
+    ----------
+    images
+        Gives a few images in which a board of another size is looked for.
+    """
+    for camera in cameras:
+        views = camera.views
+        larger = [view for view in views if view.goes_on]
+        if len(larger) > 0.5 * len(views):
+            other = _other_size(board, images())
+            found = f"; it looks like {other.columns} x {other.rows}" if other else ""
+            raise HandtrackError(
+                f"the board is larger than {board.text}: in {len(larger)} of {len(views)} views of camera "
+                f"'{camera.name}' squares go on beyond its edge ({larger[0].source}){found}. Count all inner "
+                "corners, where four squares meet."
+            )
+    without = [camera for camera in cameras if not camera.views]
+    if not without:
+        return
+    tried = sum(camera.tried for camera in without)
+    names = ", ".join(f"'{camera.name}'" for camera in without)
+    text = (
+        f"no {board.text} board was found in any of {tried} images of camera {names} "
+        f"({without[0].where})."
+    )
+    if other := _other_size(board, images()):
+        raise HandtrackError(
+            f"{text} There is a chessboard of {other.columns} x {other.rows} inner corners: use "
+            f"--board {other.text}. Count inner corners, where four squares meet, not squares."
+        )
+    advice = (
+        "The whole board with its white border must be seen, sharp and lit evenly; the size counts inner corners."
+        if not board.dictionary
+        else "At least eight corners must be seen, sharp; check squares, dictionary and that the print is not mirrored."
+    )
+    raise HandtrackError(f"{text} {advice}")
+
+
+def _other_size(board: Board, images: Sequence[Array]) -> Board | None:
+    if board.dictionary:
+        return None
+    c, r = board.columns, board.rows
+    likely = [(c - 1, r - 1), (c + 1, r + 1), (c - 1, r), (c, r - 1), (c + 1, r), (c, r + 1)]
+    common = [
+        (9, 6),
+        (8, 6),
+        (7, 6),
+        (10, 7),
+        (8, 5),
+        (7, 5),
+        (6, 5),
+        (7, 4),
+        (6, 4),
+        (5, 4),
+        (11, 8),
+    ]
+    for columns, rows in dict.fromkeys(likely + common):
+        if min(columns, rows) >= 3 and (columns, rows) != (c, r):
+            other = Board(columns, rows, board.square_m)
+            found = [find_board(image, other) for image in images]
+            if any(view is not None and not view.goes_on for view in found):
+                return other
+    return None

@@ -16,8 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from handtrack.arrays import D2, D3, D4, D6, D9, Array, C, Floats, K, N, V
-from handtrack.capture.calibration.board_views import BoardView, CameraViews, choose_views
-from handtrack.capture.calibration.boards import Board
+from handtrack.capture.calibration.boards import Board, BoardView, CameraViews, choose_views
 from handtrack.capture.calibration.bundle_adjustment import (
     LENS,
     Corners,
