@@ -2,38 +2,42 @@
 
 from __future__ import annotations
 
+import tomllib
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from handtrack.arrays import D3, Axes, Bytes, Floats, Ints, N
 
-FINGER_COLOURS: dict[str, tuple[int, int, int]] = {
-    "palm": (168, 158, 150),
-    "thumb": (230, 159, 0),
-    "index": (86, 180, 233),
-    "middle": (0, 158, 115),
-    "ring": (240, 228, 66),
-    "little": (204, 121, 167),
+Colour = tuple[int, int, int]
+"""red, green, blue, 0 … 255"""
+_TOLD: dict[str, Any] = tomllib.loads(Path(__file__).with_name("palette.toml").read_text("utf-8"))
+
+
+def _rgb(told: str) -> Colour:
+    red, green, blue = bytes.fromhex(told[1:])
+    return red, green, blue
+
+
+def _table(name: str) -> dict[str, Colour]:
+    return {key: _rgb(told) for key, told in _TOLD[name].items()}
+
+
+FINGER_COLOURS, LIMB_COLOURS, FILTERS = map(_table, ("fingers", "limbs", "filters"))
+"""of a hand's parts; of a body's; of the points that a filter dropped"""
+GHOSTS, REJECTS = (tuple(map(_rgb, _TOLD[name])) for name in ("ghosts", "rejects"))
+"""of poses that a frame may have, by rank; of matches that were thrown away, in the order of disparity.REJECTED"""
+TERMS: dict[str, str] = _TOLD["terms"]
+"""of the energy's parts on the timeline"""
+STATUS: dict[int, tuple[str, str]] = {
+    int(code): (word, colour) for code, (word, colour) in _TOLD["status"].items()
 }
-"""of a hand's parts"""
-LIMB_COLOURS: dict[str, tuple[int, int, int]] = {
-    "head": (196, 178, 164),
-    "left arm": (230, 159, 0),
-    "right arm": (86, 180, 233),
-    "left leg": (240, 228, 66),
-    "right leg": (0, 158, 115),
-}
-"""of a body's; its trunk is the palm's grey"""
+"""by a frame's status, −1 where it has none: word and colour"""
 _ARM = ("clavicle", "upper_arm", "forearm", "hand", "shoulder", "elbow", "wrist")
 _LEG = ("thigh", "shin", "foot", "hip", "knee", "ankle", "toe")
 TRUTH = (255, 255, 255)
 SURFACE = (196, 178, 164)
-STATUS = {
-    -1: ("not tracked", "#3a3f47"),
-    0: ("tracked", "#56b4e9"),
-    1: ("low confidence", "#f0e442"),
-    2: ("lost", "#d55e00"),
-    3: ("set by hand", "#cc79a7"),
-}
 PIN = (213, 94, 0)
 """what somebody pinned"""
 CONTRADICTED = (255, 32, 64)
@@ -92,40 +96,8 @@ def light_of(colours: object) -> Floats[*Axes, D3]:
 
 
 KEPT = (240, 228, 66)
-FILTERS: dict[str, tuple[int, int, int]] = {
-    "range": (120, 124, 132),
-    "crop": (86, 180, 233),
-    "skin": (204, 121, 167),
-    "component": (0, 114, 178),
-    "voxel": (150, 142, 60),
-    "outliers": (213, 94, 0),
-    "most": (150, 142, 60),
-}
-"""of the points that a filter dropped; thinned ones look like those that stay, only darker"""
-REJECTS = ((0, 0, 0), (213, 94, 0), (86, 180, 233), (240, 228, 66), (204, 121, 167))
-"""of matches that were thrown away, in the order of disparity.REJECTED"""
-GHOSTS = (
-    (235, 235, 235), (86, 180, 233), (230, 159, 0), (204, 121, 167), (0, 158, 115), (240, 228, 66), (213, 94, 0),
-    (0, 114, 178),
-)  # fmt: skip
-"""of poses that a frame may have, by rank"""
-TERMS = {
-    "silhouettes": "#009e73",
-    "cloud→model": "#e69f00",
-    "model→cloud": "#56b4e9",
-    "lines of sight": "#e8e8e8",
-    "keypoints": "#cc79a7",
-    "pins": "#0072b2",
-    "own terms": "#aa4499",
-    "edges": "#f0e442",
-    "intensity": "#d55e00",
-    "priors": "#9aa0a8",
-}
-"""of the energy's parts on the timeline"""
 RESIDUAL_MM = 10.0
-_RAMP = np.array(
-    [[0, 90, 200], [86, 170, 233], [226, 226, 222], [240, 170, 50], [200, 70, 0]], float
-)
+_RAMP = np.array([_rgb(one) for one in _TOLD["ramp"]], float)
 
 
 def residual_colours(residual_mm: Floats[N]) -> Bytes[N, D3]:
