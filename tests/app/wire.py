@@ -7,6 +7,7 @@ import numpy as np
 from handtrack.geometry.rotation import looking_along, quaternion_wxyz
 from handtrack_app.page.page import Client
 from handtrack_app.page.scene.looking import CameraView
+from handtrack_app.page.scene.zoom import fov_of
 from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
 from tests.experiments.workbench.wire import WireClient
@@ -72,7 +73,7 @@ class Browser:
 
         def told() -> bool:
             view = self.view
-            if view is None or self.told("SetCameraFovMessage") != view.eye.fov:
+            if view is None or self.told("SetCameraFovMessage") != fov_of(view.eye):
                 return False
             return np.allclose(
                 self.target - self.centre, view.sent[-1].direction, rtol=0, atol=1e-9

@@ -14,7 +14,7 @@ from handtrack_app.engine.store import persistence
 from handtrack_app.page.panels.export import card_words
 from handtrack_app.page.panels.view import WIDTH
 from handtrack_app.page.scene.model_view import hand_balls
-from handtrack_app.page.scene.zoom import Zoom
+from handtrack_app.page.scene.zoom import Zoom, fov_of
 from tests.app.desk import in_threads
 from tests.app.fake_run import FRAMES, SPOT, fake_document
 from tests.app.page.test_review_panel import _tracked
@@ -86,10 +86,10 @@ def stands(bench):
     """Return whether the first page stands in the camera that it looks through: it turns with the next frame that it draws."""
     (client,) = bench.page.clients
     view, camera = client.view, client.handle.camera
-    if view is None or abs(camera.fov - view.eye.fov) > 1e-6:
+    if view is None or abs(camera.fov - fov_of(view.eye)) > 1e-6:
         return False
     turned = vtf.SO3(np.asarray(camera.wxyz, dtype=float)).as_matrix()
-    return np.allclose(turned, view.eye.rotation, atol=1e-5)
+    return np.allclose(turned, view.eye.rotation.T, atol=1e-5)
 
 
 HOLD_BACK = """() => {
@@ -396,7 +396,7 @@ def _picture_and_model_are_drawn_as_one_however_large(bench, view):
         )
         drawn = cv2.absdiff(plain, screenshot(view)).max(axis=2) > 8
         ball.remove()
-        scale = view.page.evaluate(CANVAS)[3] / 2 / looks.eye.half / looks.card.matrix[1, 1]
+        scale = view.page.evaluate(CANVAS)[3] * looks.eye.matrix[1, 1] / looks.card.matrix[1, 1]
         ball_at = middle(drawn)
         spot = plain.min(2) > 150
         rows, columns = np.indices(spot.shape)

@@ -16,7 +16,6 @@ import viser
 from handtrack.arrays import D3, D6, Floats
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import (
-    matrix_from_quaternion,
     quaternion_wxyz,
     rotation_matrix,
     rotation_vector,
@@ -24,7 +23,7 @@ from handtrack.geometry.rotation import (
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Client, Page, put
 from handtrack_app.page.scene.model_view import add_batch, ball, unturned
-from handtrack_app.page.scene.zoom import Pixel, ray_pixel
+from handtrack_app.page.scene.zoom import Pixel, ray_pixel, window_camera
 from handtrack_app.protocol.palette import CONTRADICTED, PIN
 from handtrack_app.protocol.snapshots import (
     BEFORE,
@@ -147,7 +146,7 @@ class Grips:
         root = np.array(pose.values[:6])
         if card is not None and turns:
             return partial(self._move, tag, WholeDrag(card, root, pose.middle, start, True))
-        eye = card or view_card(client.handle.camera)
+        eye = card or window_camera(client.handle.camera)
         index = ellipsoid_at(session, pose, start)
         hold = None if index is None else hold_at(session, pose, eye, index, start)
         if hold is None:
@@ -203,15 +202,6 @@ def place_of(hold: Hold, session: SessionSnapshot, pose: PoseSnapshot) -> Floats
         return pose.joints[session.joint_names.index(hold.joint)]
     bone = session.bone_names.index(hold.bone)
     return pose.bone_position[bone] + pose.bone_rotation[bone] @ np.array(hold.point)
-
-
-def view_card(camera: viser.CameraHandle) -> Camera:
-    """Return a free view as a camera whose image is the window."""
-    width, height = max(camera.image_width, 1), max(camera.image_height, 1)
-    focal = 0.5 * height / np.tan(0.5 * float(camera.fov))
-    matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
-    turn = matrix_from_quaternion(camera.wxyz).T
-    return Camera("", (width, height), matrix, np.zeros(5), turn, -turn @ np.array(camera.position))
 
 
 def near_joint_m(session: SessionSnapshot) -> float:

@@ -11,10 +11,10 @@ import viser
 
 from handtrack.arrays import D3, Bytes, Floats, H, N, W
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import matrix_from_quaternion, quaternion_wxyz
+from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import Display, put
 from handtrack_app.page.scene.viewpoint import frustum_depth
-from handtrack_app.page.scene.zoom import Eye, ray_pixel
+from handtrack_app.page.scene.zoom import ray_pixel, window_camera
 from handtrack_app.protocol.palette import residual_colours
 from handtrack_app.protocol.snapshots import (
     CloudSnapshot,
@@ -87,10 +87,9 @@ def pixel_box(
 
     corners: opposite ones, as shares of the window. None for a rectangle beside the image.
     """
-    turn = matrix_from_quaternion(client_camera.wxyz)
-    view = Eye(turn, float(np.tan(0.5 * client_camera.fov)), float(client_camera.aspect))
-    (left, top), (right, bottom) = corners
-    places = [ray_pixel(card, view.ray((x, y))) for x in (left, right) for y in (top, bottom)]
+    view = window_camera(client_camera)
+    across, down = (np.array(corners) * view.size - 0.5).T
+    places = [ray_pixel(card, view.rays(np.array([x, y]))) for x in across for y in down]
     if None in places:
         return None
     low, high = np.min(places, axis=0), np.max(places, axis=0)  # type: ignore[arg-type]

@@ -24,7 +24,6 @@ from handtrack_app.page.scene.camera_view import Moments
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
 from handtrack_app.page.scene.zoom import (
     MOST,
-    Eye,
     Pixel,
     Place,
     Zoom,
@@ -32,6 +31,7 @@ from handtrack_app.page.scene.zoom import (
     box_of,
     enlarged,
     eye,
+    fov_of,
     ray_pixel,
     whole,
     with_pixel_at,
@@ -344,9 +344,9 @@ class Looking:
             if near < 1e-9 or direction @ ahead < (1 - 1e-6) * near:
                 return  # half of what it was told: the other half comes with the next frame that it draws
             self._take(client, view, direction, near)
-            if abs(camera.fov - view.eye.fov) > 1e-5:
-                fov = internals.messages.SetCameraFovMessage(view.eye.fov)
-                internals.send(client.handle, fov)
+            fov = fov_of(view.eye)
+            if abs(camera.fov - fov) > 1e-5:
+                internals.send(client.handle, internals.messages.SetCameraFovMessage(fov))
 
     def _take(self, client: Client, view: CameraView, direction: Floats[D3], near: float) -> None:
         """Take what a page looks at: what it was told last, or what the user turned it to."""
@@ -373,9 +373,9 @@ class Looking:
     def _stand(self, client: Client, view: CameraView) -> None:
         """Put a page's eye where its view says."""
         observed, centre = view.eye, view.card.centre
-        direction = observed.rotation[:, 2] * _NEAR_M / view.zoom.times ** (1 / _NOTCHES)
+        direction = observed.rotation[2] * _NEAR_M / view.zoom.times ** (1 / _NOTCHES)
         view.sent.append(_SentView(time.monotonic(), direction, view.zoom, view.follows))
-        there = Viewpoint(centre, centre + direction, -observed.rotation[:, 1], observed.fov)
+        there = Viewpoint(centre, centre + direction, -observed.rotation[1], fov_of(observed))
         look_from(client.handle, there, (_NEAR_M / MOST ** (1 / _NOTCHES), _NEAR_M))
         self._describe(client)
 
@@ -402,7 +402,7 @@ class Looking:
         views = view.eye
         for corner in ((x, y), (x + width, y + height)):
             inside = np.clip(corner, 0.0, np.array(view.card.size) - 1.0)
-            place = views.place(view.card.rays(inside))
+            place = ray_pixel(views, view.card.rays(inside))
             if place is None or not all(_INSIDE <= share <= 1 - _INSIDE for share in place):
                 return False
         return 0.5 < view.zoom.times / wanted.times < 2.0
@@ -502,5 +502,5 @@ class CameraView:
         return bordered(words, colour)
 
     @property
-    def eye(self) -> Eye:
+    def eye(self) -> Camera:
         return eye(self.card, self.zoom, self.aspect)

@@ -9,9 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import viser
 
 from handtrack.arrays import D3, Floats, N
-from handtrack.geometry.camera import Camera
+from handtrack.geometry.camera import Camera, camera_matrix
+from handtrack.geometry.rotation import matrix_from_quaternion
 
 MOST = 12.0
 """times that a picture is enlarged at most"""
@@ -37,35 +39,13 @@ class Zoom:
     """1: the whole image just fits into the window"""
 
 
-@dataclass(frozen=True)
-class Eye:
-    """How a window is looked through, from a camera's centre."""
-
-    rotation: Floats[D3, D3]
-    """view (x right, y down, z ahead) → world"""
-    half: float
-    """tangent of half the vertical field of view"""
-    aspect: float
-    """width of the window by its height"""
-
-    @property
-    def fov(self) -> float:
-        """The vertical field of view [rad]."""
-        return float(2 * np.arctan(self.half))
-
-    def ray(self, place: Place) -> Floats[D3]:
-        """Return the direction, in the world, of what is at a place of the window: a unit vector."""
-        across, down = 2 * place[0] - 1, 2 * place[1] - 1
-        ray = self.rotation @ np.array([across * self.half * self.aspect, down * self.half, 1.0])
-        return ray / np.linalg.norm(ray)
-
-    def place(self, ray: Floats[D3]) -> Place | None:
-        """Return where a direction in the world is seen; None for what is behind the eye."""
-        x, y, ahead = self.rotation.T @ ray
-        if ahead <= 1e-9 * float(np.linalg.norm(ray)):
-            return None
-        across, down = x / ahead / self.half / self.aspect, y / ahead / self.half
-        return float(across + 1) / 2, float(down + 1) / 2
+def window_camera(camera: viser.CameraHandle) -> Camera:
+    """Return a browser's view as a camera whose image is the window."""
+    width, height = max(camera.image_width, 1), max(camera.image_height, 1)
+    focal = 0.5 * height / np.tan(0.5 * float(camera.fov))
+    matrix = camera_matrix(focal, focal, (width - 1) / 2, (height - 1) / 2)
+    turn = matrix_from_quaternion(camera.wxyz).T
+    return Camera("", (width, height), matrix, np.zeros(5), turn, -turn @ np.array(camera.position))
 
 
 def ray_pixel(card: Camera, ray: Floats[D3]) -> Pixel | None:
@@ -74,9 +54,18 @@ def ray_pixel(card: Camera, ray: Floats[D3]) -> Pixel | None:
     return (column, row) if np.isfinite(row) else None
 
 
-def eye(card: Camera, zoom: Zoom, aspect: float) -> Eye:
-    """Return how a window looks into a camera's image; rows are level in its middle."""
-    return Eye(_turned(card, zoom.aim), _all_of_it(card, aspect) / zoom.times, aspect)
+def eye(card: Camera, zoom: Zoom, aspect: float) -> Camera:
+    """Return how a window looks into a camera's image, as a camera at the origin whose pixels are places of the window; rows are level
+    in its middle. aspect: the window's width by its height.
+    """
+    down = 0.5 * zoom.times / _all_of_it(card, aspect)
+    matrix = camera_matrix(down / aspect, down, 0.5, 0.5)
+    return Camera("", (1, 1), matrix, np.zeros(5), _turned(card, zoom.aim).T, np.zeros(3))
+
+
+def fov_of(view: Camera) -> float:
+    """Return the vertical field of view [rad] of an `eye`."""
+    return float(2 * np.arctan(0.5 / view.matrix[1, 1]))
 
 
 def whole(card: Camera) -> Zoom:
@@ -97,7 +86,7 @@ def around(card: Camera, box: Box, aspect: float) -> Zoom:
 def with_pixel_at(card: Camera, zoom: Zoom, aspect: float, pixel: Pixel, place: Place) -> Zoom:
     """Return the same enlargement turned so that a pixel is seen at a place of the window, as far as the image reaches."""
     for _ in range(_STEPS):
-        here = ray_pixel(card, eye(card, zoom, aspect).ray(place))
+        here = ray_pixel(card, eye(card, zoom, aspect).rays(np.array(place)))
         if here is None:
             break
         aim = (zoom.aim[0] + pixel[0] - here[0], zoom.aim[1] + pixel[1] - here[1])
