@@ -49,6 +49,7 @@ from handtrack_app.engine.jobs import (
 )
 from handtrack_app.engine.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_observed
+from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import FIXED
 from handtrack_app.engine.tracked_rows import moved_mm
@@ -206,7 +207,7 @@ _WORDS = {
 }
 
 
-class JobControl:
+class JobControl(Service):
     """Lives on the worker's thread; only what stops or holds a job may come from others."""
 
     def __init__(
@@ -218,12 +219,11 @@ class JobControl:
     ) -> None:
         self.follows = True
         """each tracked frame is shown"""
-        document = opened.document
-        self._document, self._store, self._live = document, opened.store, live
-        self._publish, self._watch, self._opened = opened.announce, watch, opened
+        super().__init__(opened)
+        self._live, self._watch = live, watch
         self._job: BackgroundJob | None = None
         self._moves: dict[int, float] = {}
-        self._given = document.state
+        self._given = self.document.state
         """when the pass began"""
         self._refined_with: SessionState | None = None
         """what held when frames were refined last, with what that changed"""
@@ -231,7 +231,7 @@ class JobControl:
         self._compiles = compiles
         self._compiled_before = 0
         self._told: ProgressSnapshot | None = None
-        self.guesses = Guesses(document)
+        self.guesses = Guesses(self.document)
 
     @property
     def busy(self) -> bool:
@@ -289,7 +289,7 @@ class JobControl:
         anew: start from the first-frame pose as saved, even if its frame was tracked before. version: of the user's edits, when
         fitting one frame is one. both_ends: between keyframes half of the frames are tracked from each.
         """
-        document = self._document
+        document = self.document
         self._prepare()
         if stop - start == 1 and document.frame == first:
             self.see_arm()
@@ -301,7 +301,7 @@ class JobControl:
                 f"{document.frames.start} to {document.frames.stop - 1}."
             )
         if document.size.live is not None and anew and not document.by_hand:
-            self._store.do("Size as before refining", edits.size(document.size.live))
+            self.store.do("Size as before refining", edits.size(document.size.live))
         if len(frames) == 1:
             document.refuse_to_fit(frames.start)
         later = document.run.settings.model.fit_size == "later"
@@ -312,7 +312,7 @@ class JobControl:
         self._track(replace(request, fit_size=sizes))
 
     def _track(self, request: TrackingRequest) -> None:
-        run = self._document.run
+        run = self.document.run
         work = partial(jobs.track, run=run, request=request, watch=self._watch)
         self.begin("tracking", work, request, run.session.live is not None)
 
@@ -322,7 +322,7 @@ class JobControl:
         that they touch.
         """
         self._prepare()
-        document = self._document
+        document = self.document
         request = tracking_request(document, document.frames, document.first_frame)
         tracked = [document.results[f] for f in document.results if f not in request.fixed]
         if len(tracked) < 2:
@@ -340,7 +340,7 @@ class JobControl:
         """Track what the cameras show from now on, from the pose shown, until it is cancelled."""
         self._prepare()
         self.see_arm()
-        document, feed = self._document, self._document.run.session.live
+        document, feed = self.document, self.document.run.session.live
         if feed is None:
             raise HandtrackError("This is a recording, and no live source: track its frames.")
         feed.begin_counting()
@@ -352,12 +352,12 @@ class JobControl:
     def fit_size(self) -> None:
         """Fit the hand's size to the frames near the first pose."""
         self._prepare()
-        if self._document.run.first is None:
+        if self.document.run.first is None:
             raise HandtrackError(
                 "The size is fitted from the first-frame pose on, and this session has none yet. Find or pose it, "
                 "and press 'Save as first-frame pose'."
             )
-        self.begin("sizing", partial(jobs.fit_size, run=self._document.run))
+        self.begin("sizing", partial(jobs.fit_size, run=self.document.run))
 
     @Command(job=True)
     def find_hand(self, frame: int | None, fetch: bool = False) -> None:
@@ -365,7 +365,7 @@ class JobControl:
         before.
         """
         self._prepare()
-        self.begin("finding", partial(jobs.find, run=self._document.run, frame=frame, fetch=fetch))
+        self.begin("finding", partial(jobs.find, run=self.document.run, frame=frame, fetch=fetch))
 
     @Command(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follows", on))
     def follow(self, on: bool) -> None:
@@ -373,19 +373,19 @@ class JobControl:
 
     def see_arm(self) -> None:
         """Give the model a forearm where the frame shown has one; never under a job, as what it solves for would change."""
-        document, arm = self._document, NOTHING
+        document, arm = self.document, NOTHING
         if not self.busy:
             params = document.model.params_within_limits(document.shown)
             arm = edits.arm(document, document.run.with_arm_in_view(document.frame, params).arm_m)
-        if self._store.do("Forearm in view", arm, kind=NOTE):
-            self._opened.show_session()
-            self._opened.show_all()
+        if self.store.do("Forearm in view", arm, kind=NOTE):
+            self.opened.show_session()
+            self.opened.show_all()
 
     def _prepare(self) -> None:
         """Write what was edited, before a job. Raises HandtrackError where none can begin."""
-        self._store.write_what_rests(at_once=True)
+        self.store.write_what_rests(at_once=True)
         self._refuse_second()
-        blind = nothing_observed(self._document.run)
+        blind = nothing_observed(self.document.run)
         if blind:
             raise HandtrackError(blind)
 
@@ -403,7 +403,7 @@ class JobControl:
         """Begin a job. Raises HandtrackError while another runs."""
         self._refuse_second()
         job = BackgroundJob(kind, work, self._post, request, is_live)
-        self._job, self._moves, self._given = job, {}, self._document.state
+        self._job, self._moves, self._given = job, {}, self.document.state
         self._compiled_before = self._compiles.count
         job.start()
         self.show_progress()
@@ -411,7 +411,7 @@ class JobControl:
     # ---- following
 
     def _post(self, job: BackgroundJob, event: JobEvent) -> None:
-        self._opened.post(partial(self._opened.take, job, event))
+        self.opened.post(partial(self.opened.take, job, event))
 
     def take(self, job: BackgroundJob, event: JobEvent) -> None:
         """Take what the job reports; those of an earlier job are passed over."""
@@ -429,35 +429,35 @@ class JobControl:
             case SizeFitted(run, is_again):
                 self._sized(run, is_again)
             case str(text):
-                self._publish(Notice.about_recording(text))
+                self.publish(Notice.about_recording(text))
             case list():
                 self._finish_search(event)
             case dict():
-                self._store.do("Corrected masks propagated", decide(correction=event))
+                self.store.do("Corrected masks propagated", decide(correction=event))
                 many = f"To {len(event)} frames; undo reverts it."
-                self._publish(Notice("done", "The correction is propagated", many))
+                self.publish(Notice("done", "The correction is propagated", many))
             case JobEnded() as end:
                 self._ended(job, end)
 
     def _pass_began(self, job: BackgroundJob, began: PassBegan) -> None:
         """Begin a take; it is of the size that may just have been found."""
-        self._store.end_take(finished=False)
-        self._moves, self._given = {}, self._document.state
+        self.store.end_take(finished=False)
+        self._moves, self._given = {}, self.document.state
         first, params, _ = began.segments[0]
         try:
-            self._store.begin_take(began.frames, first, params, _fixed(job))
+            self.store.begin_take(began.frames, first, params, _fixed(job))
         except HandtrackError:
             job.cancel()
             raise
         for result in began.resumed:
-            self._store.add(result)
+            self.store.add(result)
 
     def _tried(self, result: FrameResult) -> None:
         """Show a frame that is tracked to fit the size."""
         if self._follows_now():
-            self._document.show(result.frame)
-            self._document.shown = result.parameters
-            self._opened.show_pose()
+            self.document.show(result.frame)
+            self.document.shown = result.parameters
+            self.opened.show_pose()
 
     def _follows_now(self) -> bool:
         """Whether a pose is to be shown as it comes: now and then, if that is wanted."""
@@ -467,69 +467,69 @@ class JobControl:
         return is_due
 
     def _tracked(self, result: FrameResult) -> None:
-        document, now = self._document, time.monotonic()
+        document, now = self.document, time.monotonic()
         document.see_frames()
-        if not self._store.add(result):
+        if not self.store.add(result):
             return
         if self._live is not None:
             self._live.note(result)
         if self._follows_now():
             document.show(result.frame)
-            self._opened.show_pose()
+            self.opened.show_pose()
         if now - self._stripped > _STRIP_EVERY_S:
             self._stripped = now
-            self._publish(timeline_change(document))
+            self.publish(timeline_change(document))
         self.show_progress()
 
     def _refined(self, job: BackgroundJob, done: FramesRefined) -> None:
         """Lay refined frames over those that were tracked, as a take of their own."""
-        document = self._document
+        document = self.document
         if not self._moves:
             frames, first = document.frames, document.first_frame
-            self._store.end_take(finished=True)
+            self.store.end_take(finished=True)
             params = document.start_params(first, anew=True)
-            self._store.begin_take(frames, first, params, _fixed(job), True, done.refinement)
+            self.store.begin_take(frames, first, params, _fixed(job), True, done.refinement)
         for result in done.results:
             self._moves[result.frame] = moved_mm(result, document.results.get(result.frame))
-            self._store.add(result)
+            self.store.add(result)
         given = self._given
         self._refined_with = replace(document.state, pose=given.pose, pins=given.pins)
-        self._publish(timeline_change(document))
+        self.publish(timeline_change(document))
 
     def _sized(self, run: TrackingRun, is_again: bool) -> None:
-        document = self._document
+        document = self.document
         is_arm = is_again and run.arm_m != document.run.arm_m
-        self._store.do("Size", in_turn(edits.size(run.scale), edits.arm(document, run.arm_m)))
-        self._opened.show_session()
-        self._opened.show_pose()
+        self.store.do("Size", in_turn(edits.size(run.scale), edits.arm(document, run.arm_m)))
+        self.opened.show_session()
+        self.opened.show_pose()
         words = _OTHER_ARM if is_arm else size_words(document.run)
-        self._publish(Notice("done", "Tracking again" if is_arm else "Size fitted", words))
+        self.publish(Notice("done", "Tracking again" if is_arm else "Size fitted", words))
 
     def _finish_search(self, candidates: list[PoseEstimate]) -> None:
         if candidates:
             self.guesses.keep(candidates)
-            self._document.show(candidates[0].frame)
+            self.document.show(candidates[0].frame)
             snapshot = self.guesses.snapshot(is_new=True)
-            self._opened.show_pose()
+            self.opened.show_pose()
             if snapshot is not None:
-                self._publish(snapshot)
-        self._publish(search_notice(candidates, self._document.model.kind))
+                self.publish(snapshot)
+        self.publish(search_notice(candidates, self.document.model.kind))
 
     def _ended(self, job: BackgroundJob, end: JobEnded) -> None:
         self._job = None
-        document = self._document
+        document = self.document
         document.show(document.frame)
-        self._opened.show_all()
+        self.opened.show_all()
         if job.kind == "tracking" or self._moves:
-            self._store.end_take(finished=not (end.cancelled or end.problem))
+            self.store.end_take(finished=not (end.cancelled or end.problem))
         said = self._end_words(job, end)
         if said is not None:
-            self._publish(said)
+            self.publish(said)
         self.show_progress()
 
     def _end_words(self, job: BackgroundJob, end: JobEnded) -> Notice | None:
         """Return how a job went; None where there is nothing to say."""
-        document, live, known = self._document, self._live, self._document.results
+        document, live, known = self.document, self._live, self.document.results
         cancelled = Notice("done", "Cancelled", "") if end.cancelled else None
         if end.problem is not None:
             title = "Not propagated" if job.kind == "carrying" else "Tracking stopped"
@@ -554,7 +554,7 @@ class JobControl:
         now = self._progress()
         if now != self._told:
             self._told = now
-            self._publish(now)
+            self.publish(now)
 
     def _progress(self) -> ProgressSnapshot:
         job = self._job

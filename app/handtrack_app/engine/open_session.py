@@ -37,9 +37,7 @@ from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol.calls import Call, Command, commands_of
 from handtrack_app.protocol.snapshots import (
     Notice,
-    PoseSnapshot,
     Snapshot,
-    TimelineSnapshot,
     WorkSnapshot,
 )
 from handtrack_app.rerun.recorder import LiveRecorder
@@ -164,7 +162,7 @@ class OpenSession:
         later.
         """
         if self.store.write_what_rests(at_once=True):
-            self.announce(timeline_snapshot(self.document))
+            self.show_timeline()
         self.document.show(frame)
         self.show_pose(is_played)
 
@@ -355,7 +353,7 @@ class OpenSession:
         """Write edits once none came for a while; what fails is told, and tried again with the next."""
         try:
             if self.store.write_what_rests():
-                self.announce(timeline_snapshot(self.document))
+                self.show_timeline()
         finally:
             self._publish_work()
 
@@ -375,34 +373,33 @@ class OpenSession:
     def _notify(self, level: str, title: str, text: str) -> None:
         self.publish(Notice(level, title, text))
 
-    def announce(self, snapshot: Snapshot) -> None:
-        """Publish; of a pose that is shown, pictures are made."""
-        self.publish(snapshot)
-        if isinstance(snapshot, TimelineSnapshot) and self._review.names:
-            self._review.publish_curves()
-        if isinstance(snapshot, PoseSnapshot):
-            self._score.since = time.monotonic()
-            guesses = self.jobs.guesses.snapshot()
-            if guesses is not None:
-                self.publish(guesses)
-            for shown in self._pictures if snapshot.beside is None else (self._clouds,):
-                shown.show(hurried=self.jobs.busy)
-
     def show_session(self) -> None:
         """Publish what is open."""
         self.publish(session_snapshot(self.document))
 
     def show_pose(self, is_played: bool = False) -> None:
-        """Publish the pose; of a frame that is played, with its pictures."""
+        """Publish the pose, and have its pictures made; of a frame that is played, with them."""
         pose = pose_snapshot(self.document)
         if is_played:
             made = self.painter.picture(), self._masks.picture()
             pose = replace(pose, beside=tuple(one for one in made if one is not None))
-        self.announce(pose)
+        self.publish(pose)
+        self._score.since = time.monotonic()
+        guesses = self.jobs.guesses.snapshot()
+        if guesses is not None:
+            self.publish(guesses)
+        for shown in (self._clouds,) if is_played else self._pictures:
+            shown.show(hurried=self.jobs.busy)
+
+    def show_timeline(self) -> None:
+        """Publish the whole recording, and the curves that are looked at."""
+        self.publish(timeline_snapshot(self.document))
+        if self._review.names:
+            self._review.publish_curves()
 
     def show_all(self) -> None:
         self.show_pose()
-        self.announce(timeline_snapshot(self.document))
+        self.show_timeline()
 
     @property
     def rest_s(self) -> float:
@@ -425,7 +422,7 @@ class OpenSession:
                 self._recorder.show(self.document.run, self.document.results[frame])
         elif not self.document.rows.is_whole:  # of a long track, while nobody waits
             if not self.document.rows.read_more(self.document):
-                self.announce(timeline_snapshot(self.document))
+                self.show_timeline()
         else:
             self.jobs.show_progress()
 
@@ -442,7 +439,7 @@ class OpenSession:
     def _watch_live(self, live: LiveControl) -> None:
         """Show the newest images while nothing is tracked and nobody poses the hand in one of them."""
         if live.report() and not self.jobs.busy:
-            self.announce(timeline_snapshot(self.document))
+            self.show_timeline()
         follow = self.jobs.follows
         if not self.jobs.busy and (follow or live.recording) and live.watch(follow) and follow:
             self.show_pose()

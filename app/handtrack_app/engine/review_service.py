@@ -14,7 +14,7 @@ from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.session import Session
 from handtrack.session.session_state import decide
 from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine.document_snapshots import pose_snapshot, timeline_snapshot
+from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
@@ -41,7 +41,7 @@ class ReviewService(Service):
         named = f"Frame {min(frames, default=0)}" if len(frames) == 1 else f"{len(frames)} frames"
         if self.store.do(f"{named} {'accepted' if on else 'released'}", values):
             self.publish(pose_snapshot(self.document))
-            self.opened.announce(timeline_snapshot(self.document))
+            self.opened.show_timeline()
 
     @Command(edits=True)
     def correct_cameras(self, cameras: tuple[str, ...], on: bool = True) -> None:

@@ -13,6 +13,7 @@ from handtrack_app.protocol.calls import Mailbox
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
 if TYPE_CHECKING:
+    from handtrack_app.engine.job_control import JobControl
     from handtrack_app.engine.open_session import OpenSession
 
 
@@ -20,8 +21,13 @@ class Service:
     """A part of an open session, which lives on the worker's thread."""
 
     def __init__(self, opened: OpenSession) -> None:
-        self.opened, self.document, self.store = opened, opened.document, opened.store
-        self.jobs, self.publish = opened.jobs, opened.publish
+        self.opened, self.publish = opened, opened.publish
+        self.document, self.store = opened.document, opened.store
+
+    @property
+    def jobs(self) -> JobControl:
+        """What runs beside."""
+        return self.opened.jobs
 
     def _do(
         self, words: str, edit: Callable[[], Edit], tag: str = "", is_stroke: bool = False
