@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import html
 import math
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import viser
 
@@ -17,7 +14,7 @@ from handtrack.setting import Setting
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, sheet, text
 from handtrack_app.page.page import Client, Panel, Part, put
-from handtrack_app.page.panels.settings import SavedSettings, SettingWidget
+from handtrack_app.page.panels.settings import TOLD, SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
 from handtrack_app.protocol.snapshots import MaskCameraCard, MaskPicture, SessionSnapshot
@@ -148,17 +145,14 @@ class MaskPanel(Panel):
 # ---- The mask methods and their settings
 
 
-_TOLD: dict[str, Any] = tomllib.loads(
-    Path(__file__).with_name("mask_methods.toml").read_text("utf-8")
-)
-METHOD_WORDS: dict[str, str] = _TOLD["words"]
+METHOD_WORDS: dict[str, str] = TOLD["mask_words"]
 _KINDS: dict[str, type] = {"int": int, "float": float, "bool": bool}
 
 
 def settings_of(method: str) -> dict[str, Setting]:
     """Return the settings that the page offers of a method, by name; none of what has none."""
-    known = _TOLD["settings"].get(method, {})
-    told = {name: own or _TOLD["shared"][name] for name, own in known.items()}
+    known = TOLD["masks"].get(method, {})
+    told = {name: own or TOLD["shared"][name] for name, own in known.items()}
     return {name: Setting(**one | {"kind": _KINDS[one["kind"]]}) for name, one in told.items()}
 
 

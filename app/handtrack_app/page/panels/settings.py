@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import html
 import math
+import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -360,39 +362,9 @@ def degrees(interval: Sequence[float]) -> tuple[float, float]:
 
 OPEN = ("Model", "Weights")
 """folders that are open at first"""
-EXPERT = "For experts"
-"""the folder of what only `--set` and session.toml had else"""
-_FOLDERS = {
-    "Model": ("model.name", "model.fallback", "model.coupling", "model.forearm"),
-    "Weights": (
-        "silhouettes.weight",
-        "cloud.weight",
-        "cloud.balance",
-        "keypoints.weight",
-        "edges.weight",
-        "intensity.weight",
-    ),
-    "Coupled abduction (18 degrees of freedom)": (
-        "model.spread_index",
-        "model.spread_middle",
-        "model.spread_ring",
-        "model.spread_little",
-    ),
-    "Silhouettes": ("silhouettes.term", "silhouettes.outline_sigma_mm"),
-    "Point cloud": ("cloud.sigma_mm",),
-    "Keypoints": ("keypoints.sigma_px", "keypoints.sigma_mm"),
-    "Motion": (
-        "tracker.estimate",
-        "tracker.smoothing",
-        "prior.motion_sigma_deg",
-        "prior.rest_sigma_deg",
-    ),
-    "Other poses": ("tracker.recovery", "tracker.hypotheses"),
-    "Solver": ("solver.iterations",),
-    EXPERT: ("method", "cloud.distance", "cloud.sharpness_per_mm"),
-}
+TOLD: dict[str, Any] = tomllib.loads(Path(__file__).with_name("settings.toml").read_text("utf-8"))
 CONTROLS: dict[str, tuple[Setting, ...]] = {
-    folder: tuple(SETTINGS[name] for name in names) for folder, names in _FOLDERS.items()
+    folder: tuple(SETTINGS[name] for name in names) for folder, names in TOLD["folders"].items()
 }
 
 
