@@ -15,7 +15,7 @@ from functools import partial
 import viser
 
 from handtrack.session.bundled import working_folder
-from handtrack_app.access.address import FIRST_PORT, choose_port, host_warning, is_loopback
+from handtrack_app.access.address import choose_port, host_warning, is_loopback
 from handtrack_app.access.web_server import WebServer, show_in_browser, start_web_server
 from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.layout import PageLayout
@@ -271,20 +271,20 @@ def run_workbench(
     plan: EnginePlan,
     child: EngineChild | None,
     host: str,
-    port: int,
+    port: int | None,
     open_browser: bool,
     demo: bool,
     token: str | None,
 ) -> WebServer | None:
     """Serve the workbench until Ctrl-C, or until somebody wants another recording: then return its web server, closed. Raises HandtrackError for a host or port that cannot be used.
 
-    plan: a bundled session is opened as the user's own copy. child: the engine's process, if that is started already. port: the one asked for;
-    the usual one gives way to the next free one. demo: play once it is open. token: of the page before, which comes again.
+    plan: a bundled session is opened as the user's own copy. child: the engine's process, if that is started already. port: the one
+    asked for, None: the first that is free. demo: play once it is open. token: of the page before, which comes again.
     """
     warning = host_warning(host)
     if warning:
         print(f"handtrack: {warning}", file=sys.stderr)
-    chosen = choose_port(host, None if port == FIRST_PORT else port)
+    chosen = choose_port(host, port)
     own, live = replace(plan, folder=working_folder(plan.folder)), plan.live
     engine = partial(EngineProcess, own, child=child)
     bench = Workbench(own, engine, host, chosen, demo, open_browser, token).start()

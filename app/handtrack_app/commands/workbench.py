@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session, demo_session
 from handtrack.session.layout import SESSION_FILE
-from handtrack_app.access.address import FIRST_PORT, choose_port
+from handtrack_app.access.address import choose_port
 from handtrack_app.commands.terminal.output import check_new, print_status
 from handtrack_app.log import ENGINE_LOG
 from handtrack_app.process.child import (
@@ -57,11 +57,10 @@ def _choose(options: Namespace, web: WebServer | None = None) -> int:
     """Serve start page and workbench in turns until Ctrl-C. web: of the page before; the browser's page goes on there."""
     from handtrack_app.start.start_page import choose_recording
 
-    port = FIRST_PORT if options.port is None else options.port
     use_one_arena()
     problem = ""
     while True:
-        port, token = (port, None) if web is None else (web.port, web.token)
+        port, token = (options.port, None) if web is None else (web.port, web.token)
         chosen = choose_recording(options.host, port, not options.no_browser, token, problem)
         if chosen is None:
             return 0
@@ -89,8 +88,7 @@ def _serve(
         remember(folder)
     child = EngineChild(ENGINE_LOG)  # its imports take longest: they run beside those of the page
     plan = EnginePlan(folder, live, options.rerun, not demo and options.take_over, memory=memory)
-    port = FIRST_PORT if options.port is None else options.port
-    port, token = (port, None) if web is None else (web.port, web.token)
+    port, token = (options.port, None) if web is None else (web.port, web.token)
     try:
         from handtrack_app.workbench import run_workbench
 

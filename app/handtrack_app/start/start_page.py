@@ -23,7 +23,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_names, bundled_session
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.session import Session
-from handtrack_app.access.address import FIRST_PORT, choose_port, host_warning
+from handtrack_app.access.address import choose_port, host_warning
 from handtrack_app.access.web_server import (
     LARGEST_FILE,
     WebServer,
@@ -473,7 +473,7 @@ def _cameras(files: InputFiles) -> str:
 
 @logging_to(LOG_FILE)
 def choose_recording(
-    host: str, port: int, open_browser: bool, token: str | None = None, message: str = ""
+    host: str, port: int | None, open_browser: bool, token: str | None = None, message: str = ""
 ) -> tuple[Path, WebServer] | None:
     """Serve the start page; return the folder that was chosen, and the page's web server, closed. None after Ctrl-C.
 
@@ -482,7 +482,7 @@ def choose_recording(
     warning = host_warning(host)
     if warning and token is None:
         print(f"handtrack: {warning}", file=sys.stderr)
-    chosen = choose_port(host, None if port == FIRST_PORT and token is None else port)
+    chosen = choose_port(host, port)
     page = StartPage(host, chosen, token, message)
     try:
         if token is None:
