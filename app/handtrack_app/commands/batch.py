@@ -23,7 +23,7 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from hashlib import blake2b
@@ -33,6 +33,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
+import msgspec
 import numpy as np
 from tqdm import tqdm
 
@@ -163,14 +164,10 @@ class Outcome:
 
 def read_ledger(file: Path) -> list[Outcome]:
     """Return what a ledger says, in its order; a line that was torn by a crash, or is nobody's, is left out."""
-    known = {entry.name for entry in fields(Outcome)}
-    results = []
+    results = list[Outcome]()
     for line in file.read_bytes().splitlines() if file.is_file() else ():
-        try:
-            table = json.loads(line)
-            results.append(Outcome(**{key: value for key, value in table.items() if key in known}))
-        except (ValueError, TypeError, AttributeError):
-            continue
+        with suppress(msgspec.MsgspecError):
+            results.append(msgspec.json.decode(line, type=Outcome))
     return results
 
 
