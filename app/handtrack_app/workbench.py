@@ -132,7 +132,7 @@ class Workbench:
         state = self.state
         with state.lock:
             target = state.clamp_frame(frame)
-            if target is not None and target != state.frame:
+            if target != state.frame:
                 state.frame, state.awaited, state.follow = target, target, False
                 self.engine.show_frame(target)  # what another thread asks for later comes later
         self.layout.timeline.show_frame(state.frame)
@@ -140,9 +140,8 @@ class Workbench:
     def _ask_for(self, frame: int) -> None:
         """Ask for a frame that is played. The page stays at the one shown until all of it comes."""
         target = self.state.clamp_frame(frame)
-        if target is not None:
-            self.in_flight.begin(target)
-            self.engine.show_frame(target, is_played=True)
+        self.in_flight.begin(target)
+        self.engine.show_frame(target, is_played=True)
 
     def redraw(self) -> None:
         """Apply changed display options."""

@@ -196,10 +196,8 @@ class UserState:
         waits = self.awaited is not None and not (self.follow or self.playing)
         return waits and frame != self.awaited
 
-    def clamp_frame(self, frame: float) -> int | None:
-        """Return a frame of the session for any number from a client; None for no number."""
-        if not math.isfinite(frame):
-            return None
+    def clamp_frame(self, frame: float) -> int:
+        """Return a frame of the session for any number; a page's are finite, as access control lets nothing else pass."""
         return int(min(max(round(frame), self.strip.start), self.strip.stop - 1))
 
 
