@@ -389,7 +389,7 @@ class OpenSession:
         if guesses is not None:
             self.publish(guesses)
         for shown in (self._clouds,) if is_played else self._pictures:
-            shown.show(hurried=self.jobs.busy)
+            shown.show_soon()
 
     def show_timeline(self) -> None:
         """Publish the whole recording, and the curves that are looked at."""
@@ -404,7 +404,9 @@ class OpenSession:
     @property
     def rest_s(self) -> float:
         """How long the worker may wait for a command before there is something to do."""
-        return 0.0 if self._live is not None and self._live.recording else 0.1
+        if self._live is not None and self._live.recording:
+            return 0.0
+        return min(0.1, *(one.rest_s(self.jobs.busy) for one in self._pictures))
 
     def idle(self) -> None:
         """Do what waits while no command does."""
@@ -412,9 +414,10 @@ class OpenSession:
             self._watch_live(self._live)
         elif not self._counted and self.document.session.is_counted:
             self._take_count()
-        for shown in self._pictures:
-            shown.show_late(hurried=self.jobs.busy)
-        if self._score.is_due and not self.jobs.busy:
+        if due := [one for one in self._pictures if not one.rest_s(self.jobs.busy)]:
+            for shown in due:
+                shown.show(hurried=self.jobs.busy)
+        elif self._score.is_due and not self.jobs.busy:
             self._score.report()
         elif self._unrecorded and not self._recorder.is_behind:
             frame = self._unrecorded.pop()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -40,8 +41,8 @@ class Service:
 class FramePictures(ABC):
     """Pictures of the frame shown that the page wants, made on the render thread."""
 
-    hurried_s = 0.6
-    """while tracking runs, they are shown at most this often"""
+    every_s, hurried_s = 0.0, 0.6
+    """they are made at most this often, and this while tracking runs, which comes first"""
     _shown_at, _waits = 0.0, False
 
     @property
@@ -53,18 +54,23 @@ class FramePictures(ABC):
     def _show(self, hurried: bool) -> None:
         """Have made what the page wants of the frame shown."""
 
-    def show(self, hurried: bool = False) -> None:
-        """Have made what the page wants of the frame shown. hurried: tracking runs, which comes first."""
-        now = time.monotonic()
-        self._waits = hurried and now - self._shown_at < self.hurried_s
-        if self.is_wanted and not self._waits:
-            self._shown_at = now
-            self._show(hurried)
+    def show_soon(self) -> None:
+        """Have made what the page wants of the frame shown, once no command waits (`show`) and it is time (`rest_s`)."""
+        self._waits = True
 
-    def show_late(self, hurried: bool) -> None:
-        """Have made what was to wait; called now and then."""
-        if self._waits:
-            self.show(hurried)
+    def rest_s(self, hurried: bool) -> float:
+        """Return the seconds until it is time; infinite where nothing is to be made."""
+        if not self._waits:
+            return math.inf
+        every_s = self.hurried_s if hurried else self.every_s
+        return max(self._shown_at + every_s - time.monotonic(), 0.0)
+
+    def show(self, hurried: bool = False) -> None:
+        """Have made what the page wants of the frame shown. hurried: tracking runs."""
+        self._waits = False
+        if self.is_wanted:
+            self._shown_at = time.monotonic()
+            self._show(hurried)
 
 
 # ---- A thread beside the worker: makes what is only shown (clouds, surfaces, pictures of them), or fits a frame anew

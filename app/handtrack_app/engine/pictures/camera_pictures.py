@@ -308,6 +308,7 @@ def _coloured(values: Array) -> Bytes:
 class Painter(FramePictures):
     """The cameras' images with the model painted over them."""
 
+    every_s = 0.08  # the hand itself comes first
     hurried_s = 0.25  # a picture takes its time from tracking (`bench as_if_live`)
     _thumbnails, _paint, _screens = True, "plain", tuple[tuple[str, str], ...]()
 
