@@ -5,24 +5,33 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack.solver import block_banded
-from handtrack.solver.block_banded import REACH, BlockBanded, Bordered
+from handtrack.solver.block_banded import REACH, Bordered
 
 SIZE = 4
+
+
+def _add(blocks, first, matrix):
+    """Add a matrix over the unknowns of frames that follow one another."""
+    size = blocks.shape[-1]
+    parts = matrix.reshape(len(matrix) // size, size, -1, size)
+    for column in range(len(parts)):
+        for row in range(column, len(parts)):
+            blocks[first + column, row - column] += parts[row, :, column]
 
 
 def _system(frames, shared):
     """Return a banded system of frames that look at up to two neighbours, with a border of what they share; and the same as a dense one."""
     rng = np.random.default_rng(frames)
     split = frames * SIZE
-    banded, dense = BlockBanded.zero(frames, SIZE), np.zeros((split + shared,) * 2)
+    banded, dense = np.zeros((frames, REACH + 1, SIZE, SIZE)), np.zeros((split + shared,) * 2)
     for t in range(frames):
         count = min(REACH + 1, frames - t)
         columns = np.r_[t * SIZE : (t + count) * SIZE, split : split + shared]
         rows = rng.normal(size=(2 * len(columns), len(columns)))
         dense[np.ix_(columns, columns)] += rows.T @ rows
-        banded.add(np.arange(t, t + count), (rows.T @ rows)[: count * SIZE, : count * SIZE])
+        _add(banded, t, (rows.T @ rows)[: count * SIZE, : count * SIZE])
     border = dense[:split, split:].reshape(frames, SIZE, shared)
-    return Bordered(banded.factor(), border, dense[split:, split:]), dense
+    return Bordered.of(banded, border, dense[split:, split:]), dense
 
 
 @pytest.mark.parametrize("shared", [0, 1, 5])
@@ -36,9 +45,9 @@ def test_it_solves_as_the_dense_system_does(rng, frames, shared):
     assert_allclose(together, np.linalg.solve(dense, right), rtol=1e-8, atol=1e-10)
 
 
-def _inverse(factor):
+def _inverse(system):
     """Return the blocks of all parts."""
-    parts = dict(factor.inverse_parts())
+    parts = dict(system.inverse_parts())
     return np.concatenate([parts[first] for first in sorted(parts)])
 
 
@@ -50,7 +59,7 @@ def test_the_inverse_has_the_dense_one_s_blocks(frames, at_once, shared, monkeyp
     exact, split = np.linalg.inv(dense), frames * SIZE
     assert_allclose(system.covariance, exact[split:, split:], rtol=1e-8, atol=1e-12)
     blocks = exact[:split, :split].reshape(frames, SIZE, frames, SIZE)
-    found = _inverse(system.frames)
+    found = _inverse(system)
     for t in range(frames):
         for k in range(min(REACH + 1, frames - t)):
             both = found[t, k] + (system.spread(t, k) if shared else 0.0)
@@ -61,19 +70,19 @@ def test_rounding_does_not_grow_along_a_long_recording():
     """Steady motion seen through few combinations: errors that are not symmetric grew threefold a frame."""
     rng = np.random.default_rng(3)
     frames, size = 120, 8
-    banded = BlockBanded.zero(frames, size)
+    banded = np.zeros((frames, REACH + 1, size, size))
     mixing = rng.normal(size=(size, size))
     known = np.linalg.inv(mixing @ mixing.T + 0.1 * np.eye(size)) * 1e4
     weights = np.array([0.98, -1.98, 1.0])
     for t in range(frames - 2):
-        banded.add(np.arange(t, t + 3), np.kron(np.outer(weights, weights), known))
+        _add(banded, t, np.kron(np.outer(weights, weights), known))
     for t in range(frames):
         seen = rng.normal(size=(3, size))
-        banded.blocks[t, 0] += seen.T @ seen + 1e-3 * np.eye(size)
-    factor = banded.factor()
-    found = _inverse(factor)
+        banded[t, 0] += seen.T @ seen + 1e-3 * np.eye(size)
+    system = Bordered.of(banded, np.zeros((frames, size, 0)), np.zeros((0, 0)))
+    found = _inverse(system)
     for t in range(0, frames, 10):
         unit = np.zeros((frames, size, size))
         unit[t] = np.eye(size)
-        exact = factor.solve(unit)[t]
+        exact = system.alone(unit)[t]
         assert_allclose(found[t, 0], exact, atol=1e-6 * np.abs(exact).max())

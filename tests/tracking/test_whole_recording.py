@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from handtrack import Keypoints, Observation, Status, Tracker, TrackerSettings
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_changes import changes, moved
-from handtrack.solver.block_banded import BlockBanded
+from handtrack.solver.block_banded import REACH
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.sequence import track_frames, track_recording
 from handtrack.tracking.size.motion import Motion
@@ -29,8 +29,8 @@ def test_the_motion_s_system_is_that_of_its_residuals(rng):
         np.cumsum(0.2 * rng.normal(size=(frames, size)), axis=0),
     )
     motion = Motion(0.6, 0.01 * (mixed @ mixed.T + np.eye(size)))
-    system, gradient = BlockBanded.zero(*poses.shape), np.zeros(poses.shape)
-    motion.add_to(system, gradient, poses)
+    blocks, gradient = np.zeros((frames, REACH + 1, size, size)), np.zeros(poses.shape)
+    motion.add_to(blocks, gradient, poses)
     whiten = np.linalg.cholesky(np.linalg.inv(motion.process_noise)).T
 
     def residual(step):
@@ -46,7 +46,7 @@ def test_the_motion_s_system_is_that_of_its_residuals(rng):
     expected = (jacobian.T @ jacobian).reshape(frames, size, frames, size)
     for t in range(frames):
         for k in range(min(3, frames - t)):
-            assert_allclose(system.blocks[t, k], expected[t + k, :, t], rtol=1e-4, atol=1e-3)
+            assert_allclose(blocks[t, k], expected[t + k, :, t], rtol=1e-4, atol=1e-3)
     assert np.abs(expected[3:, :, 0]).max() < 1e-3, "nothing further apart"
 
 

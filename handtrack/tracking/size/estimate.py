@@ -14,7 +14,7 @@ from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters
 from handtrack.parallel import in_parallel
-from handtrack.solver.block_banded import BlockBanded, Bordered
+from handtrack.solver.block_banded import REACH, Bordered
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.constants import POINTS_LAST
@@ -308,7 +308,7 @@ def estimate_whole(
                 break
             system, right = _system(best, motion)
             expected = moved(best.poses, system.solve(*right)[0])
-            motion = motion.estimated(expected, system.frames.inverse_parts(), usual)
+            motion = motion.estimated(expected, system.inverse_parts(), usual)
         system, right = _system(best, motion, damping, shared_damping=stiff)
         step, change = system.solve(*right)
         expected_gain = 0.5 * (right[0] * step).sum(axis=1)
@@ -396,7 +396,7 @@ def _reported_covariance(
     """
     system, _ = _system(swept, motion, reported=True)
     found = np.empty((*swept.poses.shape, swept.poses.shape[1]))
-    for first, blocks in system.frames.inverse_parts():
+    for first, blocks in system.inverse_parts():
         found[first : first + len(blocks)] = blocks[:, 0]
     for at, own in swept.systems.observed():
         for t, seen in enumerate(own, at.start):
@@ -428,25 +428,26 @@ def _system(
     as much as those that are alike.
     """
     new = 1.0 if motion is None or not reported else _NEW
-    systems, size = swept.systems, swept.poses.shape[1]
-    matrix, gradient = BlockBanded.zero(*swept.poses.shape), systems.gradient[:, :size].copy()
+    systems, (frames, size) = swept.systems, swept.poses.shape
+    blocks = np.zeros((frames, REACH + 1, size, size))
+    gradient = systems.gradient[:, :size].copy()
     for at, own in systems.own():
-        matrix.blocks[at, 0] += own
+        blocks[at, 0] += own
     for at, seen in systems.observed() if new < 1.0 else ():
         more = np.maximum(systems.share[at], new) - new
-        matrix.blocks[at, 0] -= more[:, None, None] * seen
+        blocks[at, 0] -= more[:, None, None] * seen
     if motion is not None:
-        motion.add_to(matrix, gradient, swept.poses)
-    own = np.diagonal(matrix.blocks[:, 0], axis1=1, axis2=2)
+        motion.add_to(blocks, gradient, swept.poses)
+    own = np.diagonal(blocks[:, 0], axis1=1, axis2=2)
     extra = (_RIDGE if damping is None else damping[:, None]) * own + _RIDGE
     low, high = np.moveaxis(swept.bounds, 2, 0)
     free = ~is_stopped(swept.poses, low, high, gradient)
-    for k in range(matrix.blocks.shape[1]):
+    for k in range(REACH + 1):
         rows = free[k:] if k else free
         both = rows[:, :, None] & free[: len(rows), None, :]
-        matrix.blocks[: len(rows), k] *= both
+        blocks[: len(rows), k] *= both
     every = np.arange(size)
-    matrix.blocks[:, 0, every, every] += np.where(free, extra, 1.0 + own)
+    blocks[:, 0, every, every] += np.where(free, extra, 1.0 + own)
     frames_per_sample = (
         swept.frames_per_sample if reported else np.ones_like(swept.frames_per_sample)
     )
@@ -463,7 +464,7 @@ def _system(
     border = np.where(held, 0.0, border)
     corner = np.where(held | held[:, None], np.diag(np.diag(corner)), corner)
     right = np.where(free, -gradient, 0.0), np.where(held, 0.0, -pull)
-    return Bordered(matrix.factor(overwrite=True), border, corner), right
+    return Bordered.of(blocks, border, corner), right
 
 
 def _within(model: ArticulatedModel, poses: Floats[F, P]) -> Floats[F, P]:

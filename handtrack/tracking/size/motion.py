@@ -10,7 +10,6 @@ import numpy as np
 from handtrack.arrays import D3, F, Floats, K, L, M, N, P, array_dataclass
 from handtrack.geometry.rotation import left_jacobian
 from handtrack.model.pose_changes import ANGLES, PLACE, TURN, changes
-from handtrack.solver.block_banded import BlockBanded
 from handtrack.tracking.frame.settings import PriorSettings
 
 _USUAL_FRAMES = 0.01
@@ -55,19 +54,21 @@ class Motion:
         first = steps[:1] * np.sqrt(1.0 - self.kept**2)
         return 0.5 * sum(float(((part @ self._known) * part).sum()) for part in (first, pushed))
 
-    def add_to(self, system: BlockBanded, gradient: Floats[F, P], poses: Floats[F, P]) -> None:
-        """Add the Gauss-Newton system, by changes of the poses (`moved`), in place."""
+    def add_to(
+        self, blocks: Floats[F, L, P, P], gradient: Floats[F, P], poses: Floats[F, P]
+    ) -> None:
+        """Add the Gauss-Newton system, by changes of the poses (`moved`), in place. blocks: of a banded matrix."""
         steps, kept = changes(poses), self.kept
         if not len(steps):
             return
         slow = np.sqrt(1.0 - kept**2)
         both = [slow * move for move in _by_ends(steps[:1])]
-        self._add(system.blocks, gradient, slow * steps[:1], both)
+        self._add(blocks, gradient, slow * steps[:1], both)
         for at in range(0, len(steps) - 1, _AT_ONCE):
             own = steps[at : at + _AT_ONCE + 1]
             behind, ahead = _by_ends(own)
             self._add(
-                system.blocks[at:],
+                blocks[at:],
                 gradient[at:],
                 own[1:] - kept * own[:-1],
                 [-kept * behind[:-1], behind[1:] - kept * ahead[:-1], ahead[1:]],
@@ -85,7 +86,7 @@ class Motion:
         Parameters
         ----------
         inverse
-            The poses' covariance as `BandedFactor.inverse_parts` gives it; none where they are
+            The poses' covariance as `Bordered.inverse_parts` gives it; none where they are
             known.
         usual
             What counts as some frames more.
