@@ -195,8 +195,8 @@ def _number(value: float) -> str:
 
 
 def _papers() -> Iterator[tuple[str, Callable[[], str]]]:
-    for method in METHODS.values():
-        yield method.name, lambda method=method: _method(method)
+    for name, method in METHODS.items():
+        yield name, lambda method=method: _method(method)
 
 
 def _method(method: Method) -> str:

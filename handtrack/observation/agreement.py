@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -30,7 +30,7 @@ def suspected(silhouettes: tuple[Silhouette, ...]) -> list[Silhouette]:
 
     They agree where behind most pixels of each some point may be hand in all of the others.
     """
-    hands = [hand for s in silhouettes if (hand := _Hand.of(s)).count]
+    hands = [hand for s in silhouettes if len((hand := _Hand(s)).pixels)]
 
     def agree(some: Sequence[_Hand]) -> bool:
         return all(_contradicted(h, [o for o in some if o is not h]) < _MOST for h in some)
@@ -59,13 +59,13 @@ def outline_errors_px(silhouettes: Sequence[Silhouette]) -> Floats[C]:
     contradicted area over the outline's length is a distance. Who of two is wrong cannot be told, so both get the mean;
     whom any other camera confirms is right.
     """
-    hands = [_Hand.of(s) for s in silhouettes]
+    hands = [_Hand(s) for s in silhouettes]
     lengths = [s.outline_px for s in silhouettes]
     off = np.full((len(hands), len(hands)), np.nan)
     for i, one in enumerate(hands):
         for j, other in enumerate(hands):
-            if i != j and one.count and other.count:
-                off[i, j] = _contradicted(one, [other]) * one.count / max(lengths[i], 1.0)
+            if i != j and len(one.pixels) and len(other.pixels):
+                off[i, j] = _contradicted(one, [other]) * len(one.pixels) / max(lengths[i], 1.0)
     both = (off + off.T) / 2
     return np.nan_to_num(np.where(np.isnan(both), np.inf, both).min(axis=1), posinf=0.0)
 
@@ -75,17 +75,17 @@ class _Hand:
     """What one silhouette calls hand."""
 
     silhouette: Silhouette
-    count: int
-    """of its pixels"""
-    middle: Floats[D2]
-    pixels: Floats[N, D2]
-    """some of them, evenly spread"""
 
-    @classmethod
-    def of(cls, seen: Silhouette) -> _Hand:
-        hand = np.argwhere((seen.mask > 0.5) & seen.known)[:, ::-1].astype(float)
-        middle = np.median(hand, axis=0) if len(hand) else np.zeros(2)
-        return cls(seen, len(hand), middle, hand[:: max(len(hand) // _SAMPLES, 1)])
+    @cached_property
+    def pixels(self) -> Floats[N, D2]:
+        """All of it."""
+        hand = (self.silhouette.mask > 0.5) & self.silhouette.known
+        return np.argwhere(hand)[:, ::-1].astype(float)
+
+    @cached_property
+    def middle(self) -> Floats[D2]:
+        """Of these, where there are any."""
+        return np.median(self.pixels, axis=0)
 
 
 def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
@@ -100,7 +100,7 @@ def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
     middles = np.array([middle for middle in met if np.isfinite(middle).all()])
     if not len(middles):  # they look along one line
         return 0.0
-    rays = camera.rays(one.pixels)
+    rays = camera.rays(one.pixels[:: max(len(one.pixels) // _SAMPLES, 1)])
     along = (middles - camera.centre) @ rays.T
     steps = np.arange(-_REACH_M, _REACH_M + np.ptp(along, axis=0).max() + _STEP_M / 2, _STEP_M)
     points = camera.centre + (along.min(axis=0)[:, None] + steps)[..., None] * rays[:, None]

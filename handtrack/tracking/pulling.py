@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
+from handtrack.terms.collision import contact
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.descent import descend, stage_problem
@@ -78,6 +78,5 @@ def _least_change(
     sigma = np.full(len(model.parameter_names), np.inf)
     sigma[6:] = _STAY_RAD
     as_it_was = GaussianPrior(model.joint_params(stood), sigma, "stay")
-    silent = replace(seen, silhouettes=(), keypoints=(), cloud=None, images=())
-    parts = frame_terms(model, settings, silent, model.bones(stood)).parts
+    parts = [contact(model)] if settings.prior.collision else []
     return Problem(model, [*pin_terms(model, seen), *parts, stay], [as_it_was])

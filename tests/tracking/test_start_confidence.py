@@ -127,9 +127,10 @@ PLACES = palm_middle(MODEL, PARAMS) + np.array(
 
 def test_the_right_turn_and_place_score_best_in_a_cloud_and_none_where_nothing_is():
     """The share of area that cloud and shape do not have in common, of half of the shape's points and of all of them."""
-    nodes = np.rint((SHAPE.points - SHAPE.low) / SHAPE.spacing).astype(int)
-    assert SHAPE.field[tuple(nodes.T)].max() < SHAPE.spacing
-    own = (SHAPE.points - SHAPE.middle) @ TRUE_TURN.T
+    points, (field, low, spacing) = SHAPE.samples[0], SHAPE.field
+    nodes = np.rint((points - low) / spacing).astype(int)
+    assert field[tuple(nodes.T)].max() < spacing
+    own = (points - SHAPE.middle) @ TRUE_TURN.T
     whole, half = (
         cloud_score(PLACES[0] + some, ()).scores(SHAPE, TURNS, PLACES)
         for some in (own, own[own[:, 1] > np.median(own[:, 1])])

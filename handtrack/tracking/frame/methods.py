@@ -33,9 +33,8 @@ class Traits:
 
 @dataclass(frozen=True)
 class Method:
-    """A way to track, by name."""
+    """A way to track."""
 
-    name: str
     words: str
     source: str = ""
     """where it is said"""
@@ -58,79 +57,73 @@ _OWN_SIZE: dict[str, object] = {"model.fit_size": "false"}
 _HAND_ALONE: dict[str, object] = {"model.forearm": "false", **_OWN_SIZE}
 
 METHODS: dict[str, Method] = {
-    method.name: method
-    for method in (
-        Method("default", "Ours: what the three papers have, and what came after."),
-        Method(
-            "paper2007",
-            "Silhouettes by conic fields, 10 iterations a frame, and nothing else.",
-            "Conic fields (2007), sections 2, 3 and 5",
-            {
-                "model.coupling": "26",
-                **_HAND_ALONE,
-                "silhouettes.term": "conic_field",
-                "cloud.weight": 0.0,
-                "keypoints.weight": 0.0,
-                **_NO_PRIORS,
-                "prior.collision": False,
-                "solver.iterations": 10,
-                "solver.limits": "none",
-                **_FRAME_BY_FRAME,
-                "tracker.smoothing": 0.0,
-            },
-            Traits(plain_sums=True, inside=-0.7, narrowing=False),
-        ),
-        Method(
-            "paper2004",
-            "A cloud by metaballs: F = K E1 + (1 − K) E2, 100 iterations, and fingers shifted to both sides in each frame.",
-            "Metaballs (2004), sections 2.3, 3.3, 3.4 and 4",
-            {
-                "model.coupling": "21",
-                **_HAND_ALONE,
-                "model.fallback": "none",
-                "silhouettes.weight": 0.0,
-                "silhouettes.bands_mm": (1.2,),
-                "cloud.balance": 0.5,
-                "cloud.sigma_mm": 1.0,
-                "cloud.distance": "d3",
-                "cloud.sharpness_per_mm": 1.0,
-                "cloud.doubt_depth": False,
-                "cloud.crop_mm": 100.0,
-                "keypoints.weight": 0.0,
-                **_NO_PRIORS,
-                "prior.collision": False,
-                "solver.iterations": 100,
-                "solver.limits": "projection",
-                **_FRAME_BY_FRAME,
-                "tracker.smoothing": 0.0,
-            },
-            Traits(plain_sums=True, narrowing=False, whole_surface=True, shifts_each_frame=True),
-            {
-                "stereo_method": "correlation",
-                "component": "all",
-                "voxel_m": False,
-                "outlier_neighbours": False,
-                "max_points": False,
-            },
-        ),
-        Method(
-            "paper2003",
-            "Eight hypotheses by edges and the last frame's intensity; joints begin.",
-            "Kinematic jumps (2003), sections 2, 4 and 5.2",
-            {
-                **_OWN_SIZE,
-                "silhouettes.weight": 0.0,
-                "cloud.weight": 0.0,
-                "edges.weight": 1.0,
-                "intensity.weight": 1.0,
-                "intensity.memory": 0.0,
-                **_NO_PRIORS,
-                **_FRAME_BY_FRAME,
-                "tracker.hypotheses": 8,
-                "mixture.scale": 5.0,
-                "mixture.carried": 8,
-            },
-            Traits(joints_begin=True, closest_prior=True),
-        ),
-    )
+    "default": Method("Ours: what the three papers have, and what came after."),
+    "paper2007": Method(
+        "Silhouettes by conic fields, 10 iterations a frame, and nothing else.",
+        "Conic fields (2007), sections 2, 3 and 5",
+        {
+            "model.coupling": "26",
+            **_HAND_ALONE,
+            "silhouettes.term": "conic_field",
+            "cloud.weight": 0.0,
+            "keypoints.weight": 0.0,
+            **_NO_PRIORS,
+            "prior.collision": False,
+            "solver.iterations": 10,
+            "solver.limits": "none",
+            **_FRAME_BY_FRAME,
+            "tracker.smoothing": 0.0,
+        },
+        Traits(plain_sums=True, inside=-0.7, narrowing=False),
+    ),
+    "paper2004": Method(
+        "A cloud by metaballs: F = K E1 + (1 − K) E2, 100 iterations, and fingers shifted to both sides in each frame.",
+        "Metaballs (2004), sections 2.3, 3.3, 3.4 and 4",
+        {
+            "model.coupling": "21",
+            **_HAND_ALONE,
+            "model.fallback": "none",
+            "silhouettes.weight": 0.0,
+            "silhouettes.bands_mm": (1.2,),
+            "cloud.balance": 0.5,
+            "cloud.sigma_mm": 1.0,
+            "cloud.distance": "d3",
+            "cloud.sharpness_per_mm": 1.0,
+            "cloud.doubt_depth": False,
+            "cloud.crop_mm": 100.0,
+            "keypoints.weight": 0.0,
+            **_NO_PRIORS,
+            "prior.collision": False,
+            "solver.iterations": 100,
+            "solver.limits": "projection",
+            **_FRAME_BY_FRAME,
+            "tracker.smoothing": 0.0,
+        },
+        Traits(plain_sums=True, narrowing=False, whole_surface=True, shifts_each_frame=True),
+        {
+            "stereo_method": "correlation",
+            "component": "all",
+            "voxel_m": False,
+            "outlier_neighbours": False,
+            "max_points": False,
+        },
+    ),
+    "paper2003": Method(
+        "Eight hypotheses by edges and the last frame's intensity; joints begin.",
+        "Kinematic jumps (2003), sections 2, 4 and 5.2",
+        {
+            **_OWN_SIZE,
+            "silhouettes.weight": 0.0,
+            "cloud.weight": 0.0,
+            "edges.weight": 1.0,
+            "intensity.weight": 1.0,
+            "intensity.memory": 0.0,
+            **_NO_PRIORS,
+            **_FRAME_BY_FRAME,
+            "tracker.hypotheses": 8,
+            "mixture.scale": 5.0,
+            "mixture.carried": 8,
+        },
+        Traits(joints_begin=True, closest_prior=True),
+    ),
 }

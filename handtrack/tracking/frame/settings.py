@@ -473,7 +473,7 @@ class TrackerSettings:
         """Return the settings with a method's; what the one before had set, and this one does not, is as usual again."""
         before, now, flat = METHODS[self.method], METHODS[name], self.flat()
         left = {n: SETTINGS[n].default for n, value in before.values.items() if flat[n] == value}
-        changed = replace(self, method=now.name, traits=now.traits)
+        changed = replace(self, method=name, traits=now.traits)
         for known, value in (left | dict(now.values)).items():
             changed = changed._with_value(known, value)
         return changed

@@ -101,10 +101,9 @@ class GlobalObjective:
         """Return a candidate with the cost by which finished ones are compared: short arms, the same for all; with its forearm or
         without, whichever explains more. One that nothing shows would speak against the right pose, and for one that lays it over the fingers.
         """
-        shape, model = candidate.shape, candidate.model
         cost = self.narrow_problem(candidate).cost(candidate.params)
-        if model.has_forearm and shape is not None:
-            bare = replace(candidate, shape=replace(shape, model=_without_arm(model)))
+        if candidate.model.has_forearm:
+            bare = replace(candidate, model=_without_arm(candidate.model))
             cost = min(cost, self.narrow_problem(bare).cost(candidate.params))
         return replace(candidate, cost=cost)
 
@@ -126,7 +125,7 @@ class GlobalObjective:
         terms = [
             term
             for source in self.sources
-            for term in source.terms(shape, candidate.params, band_m, unbiased, self.palms)
+            for term in source.terms(shape, model, candidate.params, band_m, unbiased, self.palms)
         ]
         return Problem(model, terms, pose_priors(model, SEARCH_REST_RAD))
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, D6, B, Floats, K, P
+from handtrack.arrays import D3, D6, B, Floats, K, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.model.size import SizeParameters
@@ -58,8 +59,9 @@ def camera_inconsistencies(
     """
     size = SizeParameters(model)
     model = size.rescaled(size.deviations(model.scale))
-    frames = [_Frame.of(model, settings, observed, pose) for observed, pose in seen]
-    frames = [frame for frame in frames if frame.systems]
+    alone = settings.with_values({"silhouettes.bands_mm": (_BAND_MM,), "tracker.smoothing": 0.0})
+    frames = [_Frame(model, alone, observed, pose) for observed, pose in seen]
+    frames = [frame for frame in frames if frame.views]
     names = dict.fromkeys(name for frame in frames for name in frame.systems)
     if len(names) < 2:
         return []
@@ -68,53 +70,52 @@ def camera_inconsistencies(
     return sorted(found, key=lambda one: -one.gain)
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class _Frame:
     """A frame as its cameras see it."""
 
     model: ArticulatedModel
+    settings: TrackerSettings
+    observed: Observation
     pose: Floats[P]
-    bones: BonePoses
-    views: dict[str, Silhouette | ImageKeypoints]
-    """of each camera one, by its name"""
-    systems: dict[str, JointSystem]
-    """what each camera says, by its name, of pose (P), overall size (1), and its own direction (3) and lens (2)"""
-    prior: JointSystem
-    """what is known of the pose besides, in its P numbers"""
 
-    @classmethod
-    def of(
-        cls,
-        model: ArticulatedModel,
-        settings: TrackerSettings,
-        observed: Observation,
-        pose: Floats[P],
-    ) -> _Frame:
-        bones, twists, _ = model.linearize(pose)
-        points = len(model.joint_names)
+    @cached_property
+    def bones(self) -> BonePoses:
+        return self.model.bones(self.pose)
+
+    @cached_property
+    def views(self) -> dict[str, Silhouette | ImageKeypoints]:
+        """Of each camera one, by its name."""
+        seen = (*self.observed.silhouettes, *self.observed.image_keypoints)
+        return {one.camera.name: one for one in seen}
+
+    @cached_property
+    def systems(self) -> dict[str, JointSystem]:
+        """What each camera says, by its name, of pose (P), overall size (1), and its own direction (3) and lens (2)."""
+        model, observed, points = self.model, self.observed, len(self.model.joint_names)
+        bones, twists, _ = model.linearize(self.pose)
         moves = BoneFields.of_twists(twists @ model.transform.matrix, points)
         moves = moves.beside(SizeParameters(model).fields(bones, np.arange(1)))
-        alone = settings.with_values(
-            {"silhouettes.bands_mm": (_BAND_MM,), "tracker.smoothing": 0.0}
-        )
-        joints = observed.image_keypoints
-        views = {one.camera.name: one for one in (*observed.silhouettes, *joints)}
-        seen: dict[str, JointSystem] = {}
-        priors = frame_terms(model, alone, observed, bones).priors
-        for name, view in views.items():
+        found: dict[str, JointSystem] = {}
+        for name, view in self.views.items():
             own = Observation(
                 observed.frame,
                 observed.time_s,
                 tuple(one for one in observed.silhouettes if one.camera.name == name),
-                keypoints=tuple(one for one in joints if one.camera.name == name),
+                tuple(one for one in observed.image_keypoints if one.camera.name == name),
             )
-            terms = frame_terms(model, alone, own, bones).wide().stage(bones, 0)
+            terms = frame_terms(model, self.settings, own, bones).wide().stage(bones, 0)
             changes = [_changes(model, bones, view, kind) for kind in KINDS]
             fields = moves.beside(BoneFields.of_twists(np.concatenate(changes, axis=2), points))
             systems = (term.linearize(bones, fields) for term in terms)
-            seen[name] = sum(systems, JointSystem.zero(fields.surface.shape[2]))
-        prior = Problem(model, (), priors).linearize(pose)
-        return cls(model, pose, bones, views, seen, prior)
+            found[name] = sum(systems, JointSystem.zero(fields.surface.shape[2]))
+        return found
+
+    @cached_property
+    def prior(self) -> JointSystem:
+        """What is known of the pose besides, in its P numbers."""
+        priors = frame_terms(self.model, self.settings, self.observed, self.bones).priors
+        return Problem(self.model, (), priors).linearize(self.pose)
 
     def without_pose(self, name: str, kind: str) -> JointSystem:
         """Return the system of the overall size (1) and of a camera's change (K), the pose following."""

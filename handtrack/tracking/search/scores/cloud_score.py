@@ -8,6 +8,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats, Ints, K, M, N, P, R, array_dataclass
 from handtrack.capture.clouds.cloud_filters import thinned
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, visible_from
@@ -76,25 +77,27 @@ class CloudScore:
         enough: float = 1.0,
     ) -> Floats[R, M]:
         """Return the share of area on which shape and cloud disagree, by rotation and place."""
-        hand = ~shape.is_arm  # asked for nowhere; where the forearm is seen, `field` explains it
+        points, normals, is_arm = shape.samples
+        hand = ~is_arm  # asked for nowhere; where the forearm is seen, `field` explains it
         return cloud_scores(
             (self.points, self.area),
             (self._nodes, self.distances.low, self.distances.spacing),
             self._view_directions,
             (np.ascontiguousarray(rotations), np.ascontiguousarray(places)),
-            (shape.points[hand], shape.normals[hand], shape.area, shape.middle, shape.reach),
-            (shape.field, shape.low, shape.spacing),
+            (points[hand], normals[hand], shape.area, shape.middle, shape.reach),
+            shape.field,
         )
 
     def terms(
         self,
         shape: HandShape,
+        model: ArticulatedModel,
         params: Floats[P],
         band_m: float,
         unbiased: bool,
         palms: Floats[M, D3] | None,
     ) -> list[ObservationTerm]:
-        """Return E1 and E2 around a pose of the shape's model, with arms as long as band_m: coarse,
+        """Return E1 and E2 around a pose of the shape's model, or of that without an arm, with arms as long as band_m: coarse,
         but quick.
 
         Parameters
@@ -102,7 +105,6 @@ class CloudScore:
         unbiased
             As always; distances have no outer side that reaches further than the inner.
         """
-        model = shape.model
         middle = palm_middle(model, params)
         around = middle[None] if palms is None else palms
         away = np.linalg.norm(self.points[:, None] - around, axis=2).min(axis=1)

@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, Array, Floats, K, N, P, S, V, X, Y, Z, array_dataclass
+from handtrack.arrays import (
+    D3,
+    D4,
+    Array,
+    Floats,
+    K,
+    N,
+    P,
+    S,
+    V,
+    X,
+    Y,
+    Z,
+    array_dataclass,
+    contiguous,
+)
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
@@ -35,42 +50,72 @@ class HandShape:
 
     model: ArticulatedModel
     posture: str
-    joint: Floats[S]
-    """joint parameters"""
-    middle: Floats[D3]
-    """the palm's middle [m]"""
+    params: Floats[P]
+    """solver parameters"""
     reach: float
-    """[m] around the middle: points further away say nothing about this hand"""
-    points: Floats[V, D3]
-    """evenly on the surface, within reach [m]"""
-    normals: Floats[V, D3]
-    """unit, outwards"""
-    is_arm: Array[V]
-    """whether a point is on the forearm, which a sleeve may hide anywhere"""
-    area: float
-    """of the surface around each point [m²]"""
-    spheres: Floats[K, D4]
-    """centres and radii of balls that fill the inside [m]"""
-    mesh: PartMesh
-    """the same surface, with all of its points, each on its bone"""
-    low: Floats[D3]
-    """the first node of `field` [m]"""
-    field: Array[X, Y, Z]
-    """float32, distance to the surface on a grid of 6 mm, inside and outside [m]"""
+    """[m] around the palm's middle: points further away say nothing about this hand"""
 
     @property
     def is_typical(self) -> bool:
         """Whether this is one of the few shapes that tell where a hand may be at all."""
-        bent = self.model.has_forearm and self.joint[self.model.parameter_names.index("wrist_flex")]
-        return self.posture in ("open", "curl") and not bent
+        model = self.model
+        joint = dict(zip(model.parameter_names, model.joint_params(self.params), strict=True))
+        return self.posture in ("open", "curl") and not joint.get("wrist_flex")
+
+    @cached_property
+    def middle(self) -> Floats[D3]:
+        """The palm's middle [m]."""
+        return palm_middle(self.model, self.params)
+
+    @cached_property
+    def mesh(self) -> PartMesh:
+        """The surface, each point on its bone."""
+        bones = self.model.bones(self.params)
+        return surface_mesh(MetaballSurface.of(self.model), bones, _POINT_M)
+
+    @cached_property
+    def samples(self) -> tuple[Floats[V, D3], Floats[V, D3], Array[V]]:
+        """Points evenly on the surface, within reach [m]; unit normals, outwards; and whether each is on the forearm, which a sleeve may hide
+        anywhere.
+        """
+        vertices, normals = self.mesh.carried(self.model.bones(self.params))
+        near = np.linalg.norm(vertices - self.middle, axis=1) < self.reach
+        points, outwards = contiguous(vertices[near], normals[near])
+        return points, outwards, self.model.is_forearm(self.mesh.bone[near])
+
+    @cached_property
+    def area(self) -> float:
+        """Of the surface around each of its points [m²]."""
+        vertices, _ = self.mesh.carried(self.model.bones(self.params))
+        corners = vertices[self.mesh.faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(vertices)
+
+    @cached_property
+    def field(self) -> tuple[Array[X, Y, Z], Floats[D3], float]:
+        """Distance to the surface, inside and outside, float32, on a grid; its first node and spacing [m]."""
+        signed, nodes = self._signed
+        return np.abs(signed).astype(np.float32), nodes[0, 0, 0], _NODE_M
+
+    @cached_property
+    def spheres(self) -> Floats[K, D4]:
+        """Centres and radii of balls that fill the inside [m]."""
+        signed, nodes = self._signed
+        return _balls(nodes.reshape(-1, 3), -signed.ravel())
 
     @property
-    def spacing(self) -> float:
-        return _NODE_M
+    def _signed(self) -> tuple[Floats[X, Y, Z], Floats[X, Y, Z, D3]]:
+        """Signed distances to the surface, and the nodes of a grid where they are."""
+        points, bones = self.samples[0], self.model.bones(self.params)
+        low, high = points.min(axis=0) - 0.03, points.max(axis=0) + 0.03
+        axes = [np.arange(low[i], high[i], _NODE_M) for i in range(3)]
+        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        signed = MetaballSurface.of(self.model).distance(bones, nodes.reshape(-1, 3))
+        return signed.reshape(*nodes.shape[:2], -1), nodes
 
     def params_at(self, rotation: Floats[D3, D3], place: Floats[D3]) -> Floats[P]:
         """Return solver parameters with this posture, turned by rotation, its palm's middle at place."""
-        joint = self.joint.copy()
+        joint = self.model.joint_params(self.params)
         joint[3:6] = rotation_vector(rotation)
         joint[:3] = place - rotation @ self.middle
         return self.model.clipped(self.model.solver_params(joint))
@@ -112,36 +157,7 @@ def shape_of(model: ArticulatedModel, joint: Floats[S], posture: str) -> HandSha
     joint = joint.copy()
     joint[:6] = 0.0
     params = model.clipped(model.solver_params(joint))
-    bones = model.bones(params)
-    middle = palm_middle(model, params)
-    reach = REACH_M * model.scale.overall
-    surface = MetaballSurface.of(model)
-    mesh = surface_mesh(surface, bones, _POINT_M)
-    vertices, normals = mesh.carried(bones)
-    near = np.linalg.norm(vertices - middle, axis=1) < reach
-    low, high = vertices[near].min(axis=0) - 0.03, vertices[near].max(axis=0) + 0.03
-    axes = [np.arange(low[i], high[i], _NODE_M) for i in range(3)]
-    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    signed = surface.distance(bones, nodes.reshape(-1, 3))
-    field = np.abs(signed).reshape(nodes.shape[0], nodes.shape[1], -1)
-    corners = vertices[mesh.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(vertices)
-    return HandShape(
-        model,
-        posture,
-        model.joint_params(params),
-        middle,
-        reach,
-        np.ascontiguousarray(vertices[near]),
-        np.ascontiguousarray(normals[near]),
-        model.is_forearm(mesh.bone[near]),
-        area,
-        _balls(nodes.reshape(-1, 3), -signed),
-        mesh,
-        low,
-        field.astype(np.float32),
-    )
+    return HandShape(model, posture, params, REACH_M * model.scale.overall)
 
 
 def _balls(nodes: Floats, depth: Floats) -> Floats:

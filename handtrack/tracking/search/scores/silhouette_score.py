@@ -11,6 +11,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, Floats, Ints, M, N, P, R, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.triangulation import triangulated
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import UNKNOWN, Silhouette
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
 from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
@@ -122,31 +123,37 @@ class SilhouetteScore:
     """One frame's silhouettes, reduced; made by `silhouette_score`."""
 
     whole: tuple[Silhouette, ...]
-    small: tuple[Silhouette, ...]
-    """at about 3.5 mm a pixel at the hand's distance"""
-    cells: Floats[N, D3]
-    """of their hull, world [m]"""
-    depth: Floats[N]
-    """how far inside it each lies, about [m]"""
+
+    @cached_property
+    def hull(self) -> tuple[Floats[N, D3], Floats[N]]:
+        """Cells of what all show, world [m], and how far inside it each lies, about [m]."""
+        return visual_hull(self.whole)
+
+    @cached_property
+    def small(self) -> list[Silhouette]:
+        """The silhouettes at about 3.5 mm a pixel at the hand's distance."""
+        middle = self.hull[0].mean(axis=0)
+        return [_reduced(silhouette, middle) for silhouette in self.whole]
 
     @cached_property
     def places(self) -> Floats[M, D3]:
         """Where a palm's middle may be, world [m]: within the hull, its thickest parts first."""
-        deep = self.depth > 0.5 * min(PALM_DEEP_M, float(self.depth.max(initial=0.0)))
-        order = np.argsort(-self.depth[deep], kind="stable")
+        cells, depth = self.hull
+        deep = depth > 0.5 * min(PALM_DEEP_M, float(depth.max(initial=0.0)))
+        cells = cells[deep][np.argsort(-depth[deep], kind="stable")]
         # balls of that radius cannot cover more: a mask of the whole image would take for ever from small ones
         volume = int(deep.sum()) * _SIDE_M**3
         apart = max(_PLACE_M, (3 * volume / (4 * np.pi * _MOST_PLACES)) ** (1 / 3))
-        chosen = group_middles(self.cells[deep][order], apart)
+        chosen = group_middles(cells, apart)
         while len(chosen) > _MOST_PLACES:
             apart *= 1.15
-            chosen = group_middles(self.cells[deep][order], apart)
+            chosen = group_middles(cells, apart)
         return chosen
 
     @cached_property
     def _scored(self) -> tuple[Silhouette, ...]:
         """Return the silhouettes that scores look at: of many, those whose lines of sight differ most."""
-        middle = self.cells.mean(axis=0)
+        middle = self.hull[0].mean(axis=0)
         directions = np.stack([s.camera.centre - middle for s in self.small])
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         chosen = [0]
@@ -196,13 +203,13 @@ class SilhouetteScore:
         enough: float = 1.0,
     ) -> Floats[R, M]:
         """Return the share of area on which shape and masks disagree, by rotation and place."""
-        cameras = [s.camera for s in self._scored]
+        cameras, (points, normals, _) = [s.camera for s in self._scored], shape.samples
         return silhouette_scores(
             (np.stack([c.projection for c in cameras]), np.array([c.focal_px for c in cameras])),
             (*self._pictures, _STEP_PX),
             self._samples,
             (np.ascontiguousarray(rotations), np.ascontiguousarray(places)),
-            (shape.points, shape.normals, shape.area, shape.middle, shape.reach),
+            (points, normals, shape.area, shape.middle, shape.reach),
             shape.spheres,
             enough,
         )
@@ -210,12 +217,13 @@ class SilhouetteScore:
     def terms(
         self,
         shape: HandShape,
+        model: ArticulatedModel,
         params: Floats[P],
         band_m: float,
         unbiased: bool,
         palms: Floats[M, D3] | None,
     ) -> list[ObservationTerm]:
-        """Return coverage with a band around a pose of the shape's model: on small pictures where
+        """Return coverage with a band around a pose of the shape's model, or of that without an arm: on small pictures where
         it is wide.
 
         Parameters
@@ -224,7 +232,6 @@ class SilhouetteScore:
             The antisymmetric ramp; in the wide one a model rests inside its mask, a finger by a
             millimetre at 4 mm.
         """
-        model = shape.model
         bones, middle = model.bones(params), palm_middle(model, params)
         near, bands, weights = [], [], []
         for silhouette in self.small if band_m > _WIDE_PIXELS * _PIXEL_M else self.whole:
@@ -258,12 +265,8 @@ class SilhouetteScore:
 def silhouette_score(silhouettes: Sequence[Silhouette]) -> SilhouetteScore | None:
     """Return silhouettes made ready for the search; None where they outline nothing, or nothing in common."""
     seen = [s for s in silhouettes if (s.mask > 0.5).any() and not s.fills_image]
-    cells, depth = visual_hull(seen)
-    if not len(cells):
-        return None
-    middle = cells.mean(axis=0)
-    small = tuple(_reduced(s, middle) for s in seen)
-    return SilhouetteScore(tuple(seen), small, cells, depth)
+    score = SilhouetteScore(tuple(seen))
+    return score if len(score.hull[0]) else None
 
 
 def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:
