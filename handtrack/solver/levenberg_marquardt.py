@@ -21,12 +21,15 @@ class SolveSummary:
     """Where the loop ended, and why."""
 
     params: Floats[P]
-    cost: float
     iterations: int
     why: str
     """`converged`, `iterations` (used up), `no descent`, or `stopped` (asked to)"""
     system: JointSystem
     """the last linearisation"""
+
+    @property
+    def cost(self) -> float:
+        return self.system.cost
 
 
 REJECTIONS = 5
@@ -102,4 +105,4 @@ def solve(
         if gain <= least or largest < settings.step_tolerance:
             why = "converged"
             break
-    return SolveSummary(params, system.cost, count, why, system)
+    return SolveSummary(params, count, why, system)

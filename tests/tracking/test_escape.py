@@ -30,7 +30,7 @@ class Scene:
         seen = mask_views(MODEL, truth, CAMERAS)
         self.terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(start), None)
         self.params = descend(self.terms, start)[0].params
-        self.objective = FingerObjective.at(self.terms, self.params, Control())
+        self.objective = FingerObjective(self.terms.without_motion(), self.params, Control())
 
     def cost(self, params):
         return self.objective.measured(Candidate(MODEL, params)).cost

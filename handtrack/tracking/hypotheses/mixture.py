@@ -131,8 +131,8 @@ def solve_mixture(task: FrameTask, carried: Sequence[MotionBelief]) -> Step:
     beliefs, alternatives = searched(MixtureObjective(**about))
     best, terms = beliefs[0].mean, components[alternatives[0].parent].terms
     problem = stage_problem(terms, best)
-    system = problem.linearize(best)
-    solved = task.solved(terms, SolveSummary(best, system.cost, 0, "converged", system), problem)
+    found = SolveSummary(best, 0, "converged", problem.linearize(best))
+    solved = task.solved(terms, found, problem)
     return _with_alternatives(solved, beliefs, alternatives)
 
 

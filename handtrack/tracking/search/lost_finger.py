@@ -10,7 +10,6 @@ import numpy as np
 
 from handtrack.arrays import Floats, P, S, array_dataclass
 from handtrack.model.articulated import FINGERS, ArticulatedModel
-from handtrack.model.kinematics import BonePoses
 from handtrack.parallel import in_parallel
 from handtrack.sampling.suppression import apart
 from handtrack.solver.problem import Problem
@@ -36,27 +35,20 @@ _ELSEWHERE_M = 0.02  # between fingertips, or forearms' ends: nearer places lead
 
 @array_dataclass
 class FingerObjective:
-    """One frame whose pose is nearly known; see engine.Objective. The pull to the prediction is left out."""
+    """One frame whose pose is nearly known; see engine.Objective."""
 
     terms: FrameTerms
-    far: Problem
-    """the widest band where the pose stands: ranks the positions that a finger is put to"""
-    here: BonePoses
-    """where the bands are frozen while poses are compared"""
+    """without the pull to the prediction"""
+    params: Floats[P]
+    """the pose that stands: the bands are frozen there while poses are compared"""
     control: Control
-
-    @classmethod
-    def at(cls, terms: FrameTerms, params: Floats[P], control: Control) -> FingerObjective:
-        """Return the objective around a pose that was found with these terms."""
-        free = terms.without_motion()
-        model = terms.model
-        return cls(free, stage_problem(free, params, 0), model.bones(params), control)
 
     def measured(self, candidate: Candidate) -> Candidate:
         """Return a candidate with its cost in the narrowest band."""
-        terms = self.terms.visible_at(self.terms.model.bones(candidate.params))
-        seen = terms.stage(self.here)
-        cost = Problem(terms.model, seen, terms.priors).cost(candidate.params)
+        model = self.terms.model
+        terms = self.terms.visible_at(model.bones(candidate.params))
+        seen = terms.stage(model.bones(self.params))
+        cost = Problem(model, seen, terms.priors).cost(candidate.params)
         return replace(candidate, cost=cost)
 
     def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
@@ -85,9 +77,10 @@ def finger_on_grid(
 ) -> list[Candidate]:
     """Propose each finger, and the forearm, on a grid over its range; the best in the widest band."""
     (standing,) = found
+    far = stage_problem(objective.terms, objective.params, 0)
     return [
         replace(standing, params=x, origin=f"finger grid, {finger}", cost=np.inf)
-        for finger, x in finger_grid(objective.far, standing.params, most)
+        for finger, x in finger_grid(far, standing.params, most)
     ]
 
 
@@ -146,7 +139,7 @@ def with_fingers_recovered(
     search: Search = LOST_FINGER,
 ) -> Floats[P]:
     """Return solver parameters with lost fingers found; the very same where none was lost."""
-    objective = FingerObjective.at(terms, params, control)
+    objective = FingerObjective(terms.without_motion(), params, control)
     standing = objective.measured(Candidate(terms.model, params, origin="standing pose"))
     return improved(search, objective, standing, frame, why).params
 
