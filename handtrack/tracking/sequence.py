@@ -109,17 +109,14 @@ def refine_recording(
         is done, and returned. None: everything, and what may be found of the person, the tracker's
         `subject`.
     """
-    model, settings = tracker.model, tracker.settings
-    seen = observe
 
-    def observe_with_terms(frame: int, bones: BonePoses | None = None) -> Observation:
-        return tracker.with_custom_terms(seen(frame, bones))
+    def observed(frame: int, bones: BonePoses | None = None) -> Observation:
+        return tracker.with_custom_terms(observe(frame, bones))
 
-    observe = observe_with_terms if tracker.terms or tracker.priors else seen
     recording = Recording(
-        model,
-        settings,
-        observe,
+        tracker.model,
+        tracker.settings,
+        observed,
         control,
         held or {},
         pinned or {},
