@@ -18,7 +18,7 @@ def test_a_film_has_a_picture_a_frame_by_another_programs_count(tmp_path):
     """Counted by PyAV, that is FFmpeg; each picture differs from the one before and is as the session's cameras see it."""
     av = library("av")
     folder = bundled_session("open_fist_open")
-    track = _moved_a_little(folder, 6)
+    track = _moved_a_little(folder, 4)
     table = ResultsTable(track, session_folder=folder)
     (path,) = export_format("mp4").write(tmp_path / "poses.mp4", table)
     with av.open(str(path)) as film:

@@ -30,7 +30,10 @@ from tests.session.small_session import (
     write_truth,
 )
 from tests.tracking.scenes import QUICK
-from tests.tracking.test_shared_cameras import TRUTH as WAVING
+from tests.tracking.test_shared_cameras import TRUTH
+
+WAVING = TRUTH[::2]
+"""joints of a hand that waves and closes"""
 
 
 def masks(folder, camera, mask, frames=range(4)):

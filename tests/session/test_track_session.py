@@ -19,7 +19,7 @@ from tests.app.command_line import small_recording
 
 
 def test_a_hand_that_was_sized_on_opening_is_not_sized_again(tmp_path):
-    folder = small_recording(tmp_path / "session")
+    folder = small_recording(tmp_path / "session", frames=3)
     file = folder / "session.toml"
     file.write_text(re.sub(r"scale = .*", 'scale = "fit"', file.read_text()))
     session = Session.open(folder)

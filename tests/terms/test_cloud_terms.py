@@ -119,7 +119,8 @@ def test_emptiness_is_summed_as_its_rows_and_has_its_slope(rng, emptiness, loss)
     plain = system_of(rows, len(moved.position))
     assert_same_system(term.linearize(moved), plain)
     assert term.cost(moved) == pytest.approx(plain.cost, rel=1e-12)
-    check_observation_term(term, moved, HAND.skeleton.bone_names, step=1e-8, rtol=1e-4)
+    few = replace(term, bone=term.bone[::5], local=term.local[::5])
+    check_observation_term(few, moved, HAND.skeleton.bone_names, step=1e-8, rtol=1e-4)
 
 
 def test_only_what_a_view_can_have_measured_is_asked_for():

@@ -97,15 +97,15 @@ def test_a_size_that_was_wrong_and_a_camera_that_is_late_are_found_with_the_pose
 
 def test_a_pose_set_by_hand_tells_of_the_person():
     """Of wrist, knuckles and tips alone nobody knows whether a finger is short or bent."""
-    points = TRUTH.copy()
+    poses, points = POSES[::2], TRUTH[::2].copy()
     points[:, [n.endswith(("_pip", "_dip")) for n in keypoint_names()]] = np.nan
 
     def off(**held):
-        found = refined(watched(CAMERAS, [points] * 3), POSES, subject=WHO, **held)[2]
+        found = refined(watched(CAMERAS, [points] * 3), poses, subject=WHO, **held)[2]
         lengths = [WHO.build(scale).skeleton.length for scale in (found.scale, OTHER)]
         return np.abs(np.subtract(*lengths)).sum()
 
-    assert off(keyframes={10: POSES[10]}) < 0.95 * off()  # measured 0.87
+    assert off(keyframes={5: poses[5]}) < 0.95 * off()  # measured 0.81
 
 
 def test_one_camera_tells_no_size():
