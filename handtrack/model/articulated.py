@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
@@ -150,15 +151,15 @@ class ArticulatedModel:
     Compared by identity, so it can be the key of a cache.
     """
 
-    name: str
+    definition: Mapping[str, Any]
+    """the tables that it was built from; with side, scale and forearm it can be built again"""
     side: str
+    """of a body `right`: it is never mirrored"""
     scale: HandScale
     coupling: str
     skeleton: Skeleton
     transform: ParameterTransform
     limits: Limits
-    rest: Floats[S]
-    """joint parameters of the relaxed pose; the root's are zero."""
     ellipsoids: dict[str, Ellipsoids]
     """sets of ellipsoids: `fine` for silhouettes, `metaballs` for clouds."""
     joint_names: tuple[str, ...]
@@ -167,20 +168,50 @@ class ArticulatedModel:
     joint_point: Floats[J, D3]
     """in that bone's frame [m]."""
     proportions: Proportions
-    kind: str = "hand"
-    """`hand` or `body`; a body has no side: it is never mirrored"""
-    stabilise: Floats[S] | None = None
-    """[rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
-    groups: tuple[str, ...] = ()
-    """(B,) which part of a person's size each bone belongs to: `palm`, a finger, `thighs` …"""
     offset: Floats[J, D3] | None = None
     """where a detector sees each named joint, from it, in its bone's frame [m]; None: at the joint"""
     mean_landmarks: Mapping[str, Landmarks] = field(default_factory=dict)
     """by detectors' names, where they see the joints of other people"""
     superquadrics: Superquadrics | None = None
     """the parts of a body; hands have none"""
-    definition: str = ""
-    """JSON of the definition that it was built from; with side, scale and forearm it can be built again"""
+
+    @property
+    def name(self) -> str:
+        """Of its definition."""
+        return self.definition["name"]
+
+    @property
+    def kind(self) -> str:
+        """`hand` or `body`."""
+        return self.definition.get("kind", "hand")
+
+    @cached_property
+    def definition_text(self) -> str:
+        """JSON of its definition."""
+        return json.dumps(self.definition)
+
+    @cached_property
+    def groups(self) -> tuple[str, ...]:
+        """(B,) which part of a person's size each bone belongs to: `palm`, a finger, `thighs` …"""
+        group = {bone["name"]: bone["group"] for bone in self.definition["bone"]}
+        return tuple(group[name] for name in self.skeleton.bone_names)
+
+    @cached_property
+    def rest(self) -> Floats[S]:
+        """Joint parameters of the relaxed pose; the root's are zero."""
+        return self._angles("rest_deg", 0.0)
+
+    @cached_property
+    def stabilise(self) -> Floats[S] | None:
+        """[rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none."""
+        widths = self._angles("stabilise_deg", np.inf)
+        return widths if np.isfinite(widths).any() else None
+
+    def _angles(self, key: str, usual: float) -> Floats[S]:
+        """Return what the definition says of each freedom [rad]; the root's are as usual."""
+        turns = (turn for bone in self.definition["bone"] for turn in bone.get("freedoms", []))
+        said = {turn["name"]: turn.get(key, usual) for turn in turns}
+        return np.deg2rad([said.get(name, usual) for name in self.parameter_names])
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

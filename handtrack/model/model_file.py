@@ -203,7 +203,7 @@ def load_model(
 def model_from_definition(
     text: str, side: str, scale: HandScale, forearm: bool, source: str
 ) -> ArticulatedModel:
-    """Return the model of a definition as `ArticulatedModel.definition` has it, without couplings.
+    """Return the model of a definition as `ArticulatedModel.definition_text` has it, without couplings.
 
     Parameters
     ----------
@@ -456,8 +456,6 @@ def _build(
     interval = np.concatenate(
         [free, np.deg2rad([f["limits_deg"] for _, f in hinges]).reshape(-1, 2)]
     )
-    rest = np.concatenate([np.zeros(6), np.deg2rad([f.get("rest_deg", 0.0) for _, f in hinges])])
-    held = np.deg2rad([f.get("stabilise_deg", np.inf) for _, f in hinges])
     narrowing = table.get("narrowing", _FIXED)
     pairs = np.array(
         [[parameters.index(a), parameters.index(b)] for a, b in narrowing["pairs"]], dtype=int
@@ -489,30 +487,25 @@ def _build(
         for name, seen in table.get("landmarks", {}).items()
     }
     return ArticulatedModel(
-        name=table["name"],
+        definition=table,
         side=side,
         scale=size,
         coupling=coupling,
         skeleton=skeleton,
         transform=build_transform(parameters, _couplings(table, coupling, spread)),
         limits=limits,
-        rest=rest,
         ellipsoids=ellipsoids,
         joint_names=tuple(name for name, _ in joints),
         joint_bone=joint_bone,
         joint_point=joint_point,
         offset=offsets(size.offsets_mm) if size.offsets_mm else None,
         mean_landmarks=means,
-        kind=kind,
-        stabilise=np.concatenate([np.full(6, np.inf), held]) if np.isfinite(held).any() else None,
         proportions=person,
-        groups=tuple(b["group"] for b in rows),
         superquadrics=read_superquadrics(
             quadrics, names, factor, f"model definition {table['name']}"
         )
         if (quadrics := table.get("superquadric"))
         else None,
-        definition=json.dumps(table),
     )
 
 

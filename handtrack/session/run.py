@@ -71,7 +71,6 @@ class TrackingRun:
     first: FirstPose | None
     """where tracking starts: of init.json unless another is given"""
     settings: TrackerSettings
-    scale: HandScale
     arm_m: float
     """how far from the wrist the model's forearm ends, as a cuff does [m of the mean adult's]; infinite where it goes on, 0 without one"""
     model: ArticulatedModel
@@ -121,8 +120,12 @@ class TrackingRun:
         cls, session: Session, settings: TrackerSettings, first: FirstPose | None = None
     ) -> TrackingRun:
         """Return the run for a mean adult without a forearm."""
-        mean = HandScale()
-        return cls(session, first, settings, mean, 0.0, _model(session, settings, mean, 0.0))
+        return cls(session, first, settings, 0.0, _model(session, settings, HandScale(), 0.0))
+
+    @property
+    def scale(self) -> HandScale:
+        """The person's size."""
+        return self.model.scale
 
     @property
     def given_scale(self) -> HandScale:
@@ -285,7 +288,7 @@ class TrackingRun:
     def with_scale(self, scale: HandScale) -> TrackingRun:
         """Return the run for a hand of another size."""
         model = _model(self.session, self.settings, scale, self.arm_m)
-        return replace(self, scale=scale, model=model)
+        return replace(self, model=model)
 
     def with_limits_of(self, other: TrackingRun) -> TrackingRun:
         """Return the run whose joints have the limits that they have in another run."""
@@ -457,7 +460,7 @@ class TrackingRun:
             start_confidence=None if self.first is None else self.first.confidence,
             hand_length_mm=None if std_mm is None else hand_length_mm(model),
             hand_length_std_mm=std_mm,
-            definition=model.definition,
+            definition=model.definition_text,
             fps=self.session.fps,
             cameras=rig_json(self.session.rig),
         )

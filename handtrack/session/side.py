@@ -40,7 +40,7 @@ def wrong_side_warning(
     rows = evenly_spread(len(frames), _SAMPLED)
     other_side = "left" if model.side == "right" else "right"
     other = model_from_definition(
-        model.definition, other_side, model.scale, model.has_forearm, model.name
+        model.definition_text, other_side, model.scale, model.has_forearm, model.name
     )
     alone = settings.with_values({"tracker.hypotheses": 1})
 

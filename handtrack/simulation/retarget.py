@@ -260,7 +260,7 @@ def result_of(motion: Captured, name: str) -> TrackResult:
         model,
         scale=json.dumps(scale_table(model.scale)),
         session=name,
-        definition=model.definition,
+        definition=model.definition_text,
         fps=clip.fps,
         cameras=rig_json(_rig(clip)),
     )

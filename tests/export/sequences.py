@@ -80,7 +80,7 @@ def sample_sequence(kind: str, frames: int = 24) -> tuple[ArticulatedModel, Trac
     labels = labels_of(
         model,
         f"invented {kind}",
-        definition=model.definition,
+        definition=model.definition_text,
         fps=FPS,
         cameras=rig_json(sample_rig()),
     )
