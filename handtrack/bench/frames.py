@@ -27,7 +27,6 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.tracking.frame.control import Control, Observer
-from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.state import TrackerState
 
 FRAMES = 60
@@ -92,12 +91,9 @@ def times_between_frames(session: Session, values: dict[str, object], count: int
     start, params = run.initial()
     frames = range(start, min(start + count, session.frame_count))
     at: list[float] = []
-
-    class Clock(Observer):
-        def provisional(self, result: FrameResult) -> None:
-            at.append(time.perf_counter())
-
-    for _ in run.track(frames, start, params, Control(observer=Clock(), refines=False)):
+    clock = Observer()
+    clock.provisional = lambda result: at.append(time.perf_counter())
+    for _ in run.track(frames, start, params, Control(observer=clock, refines=False)):
         pass
     return [1e3 * float(t) for t in np.diff(at)[_AFTER:]]
 

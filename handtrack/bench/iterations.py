@@ -317,7 +317,7 @@ def cloud_solve_vs_scipy() -> dict[str, Any]:
             calls[0] += 1
             r = _dense(scene, params)[0]
             if 0.5 * float(r @ r) <= goal:
-                raise _ReachedError
+                raise StopIteration  # the cost aimed at is reached
             return r
 
         limits: dict[str, Any] = {} if method == "lm" else {"bounds": (low - 1e-9, high + 1e-9)}
@@ -336,7 +336,7 @@ def cloud_solve_vs_scipy() -> dict[str, Any]:
                 **limits,
             )
             reached = False
-        except _ReachedError:
+        except StopIteration:
             reached = True
         return 1e3 * (time.perf_counter() - begin), calls[0], reached
 
@@ -372,7 +372,3 @@ def _dense(
     posed = surface.posed(bones)
     residuals, rows = dense_rows(points, posed, SIGMA_M, bones.reference, twist, want_jacobian)
     return residuals, rows @ model.transform.matrix if want_jacobian else rows
-
-
-class _ReachedError(Exception):
-    """The cost aimed at was reached."""

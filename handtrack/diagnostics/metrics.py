@@ -163,12 +163,20 @@ class _Compared:
     """a missing or lost frame holds the last estimate"""
     covariance: Floats | None
     """(T, N, 3, 3) [mm²]"""
-    tracked: Array
-    """(T,) whether the frame was tracked, neither missing nor lost"""
-    sure: Array
-    """(T,) whether it is of high confidence, neither doubtful, missing nor lost"""
+    status: Ints
+    """(T,) of the frames; a missing one is lost"""
     turns: Floats | None
     """(T, N, 3, 3) bone → world of the bones that carry the points; None where the track does not say which these are"""
+
+    @property
+    def tracked(self) -> Array:
+        """(T,) whether a frame is neither missing nor lost."""
+        return self.status != Status.LOST
+
+    @property
+    def sure(self) -> Array:
+        """(T,) whether it is of high confidence, neither doubtful, missing nor lost."""
+        return self.tracked & (self.status != Status.DOUBTFUL)
 
 
 def evaluate(
@@ -282,8 +290,7 @@ def _compared(track: TrackResult, truth: Truth) -> _Compared:
         raise HandtrackError("the result has no frame with finite joint positions.")
     last = np.searchsorted(track.frame[usable], frames, side="right") - 1
     source = usable[np.maximum(last, 0)]
-    here = track.frame[source] == frames
-    seen = here & (track.status[source] != Status.LOST)
+    status = np.where(track.frame[source] == frames, track.status[source], Status.LOST)
     spread, turns = _covariance(track, names), _turns(track, names)
     found = 1e3 * found[source]
     return _Compared(
@@ -292,8 +299,7 @@ def _compared(track: TrackResult, truth: Truth) -> _Compared:
         np.where(np.isfinite(found), 1e3 * true, np.nan),
         found,
         None if spread is None else 1e6 * spread[source],
-        seen,
-        seen & (track.status[source] != Status.DOUBTFUL),
+        status,
         None if turns is None else turns[source],
     )
 

@@ -531,13 +531,6 @@ def _whole(model: ArticulatedModel) -> ArticulatedModel:
     return load_model("hand26", model.side, model.scale, forearm=True)
 
 
-class _Sizing(Observer):
-    """Shows somebody the frames that are tracked to fit the size."""
-
-    def __init__(self, shown: Observer) -> None:
-        self.provisional = shown.tried
-
-
 MOST_FRAMES = 8
 """that are used: neighbours show the same"""
 MOST_BY_JOINTS = 16
@@ -554,10 +547,9 @@ def tracked_for_size(run: TrackingRun, frames: range | None, control: Control) -
     live, (start, params) = run.with_values({"tracker.estimate": "forward"}), run.initial()
     results: list[FrameResult] = []
     wanted = frames or run.session.frame_range
-    observer = control.observer
-    for result in live.track(
-        wanted, start, params, Control(control.should_stop, _Sizing(observer))
-    ):
+    observer, shown = control.observer, Observer()
+    shown.provisional = observer.tried
+    for result in live.track(wanted, start, params, Control(control.should_stop, shown)):
         results.append(result)
         count, sure = len(results), sum(r.status == Status.TRACKED for r in results)
         least = len(wanted) if frames else min(_STRETCH, len(wanted))

@@ -63,12 +63,10 @@ class HandSeeds:
     """of hand against background, by place alone."""
     core: Array[H, W]
     """bool: what shows how the hand looks in this image, if the joints are right."""
-    before: Array[H, W]
-    """bool: on the hand's side of the wrist, where what is no hand is no arm either."""
     px_per_m: float
     """how large the hand is in the image."""
-    line: tuple[float, float, float]
-    """(a, b, c): behind the wrist is a u + b v + c < 0, in the whole image [px]."""
+    along: tuple[float, float, float]
+    """(a, b, c): a u + b v + c is how far a pixel of the whole image lies before the wrist, towards the knuckles [px]."""
 
     @property
     def part(self) -> tuple[slice, slice]:
@@ -76,10 +74,15 @@ class HandSeeds:
         (x, y), (height, width) = self.corner, self.log_odds.shape
         return slice(y, y + height), slice(x, x + width)
 
+    @property
+    def before(self) -> Array[H, W]:
+        """bool: on the hand's side of the wrist, where what is no hand is no arm either."""
+        return _before(self.along, self.corner, self.log_odds.shape) / self.px_per_m > 0
+
     def behind(self, shape: tuple[int, ...]) -> Array[H, W]:
-        """Return where in an image of that height and width nothing is said of: behind the wrist, by `line`."""
-        a, b, c = self.line
-        return a * np.arange(shape[1]) + b * np.arange(shape[0])[:, None] + c < 0
+        """Return where in an image of that height and width nothing is said of: well behind the wrist."""
+        a, b, c = self.along
+        return _before((a, b, c + _ARM_M * self.px_per_m), (0, 0), shape) < 0
 
 
 def seeds_of_joints(joints: Mapping[str, Floats[D2]], size: tuple[int, int]) -> HandSeeds | None:
@@ -153,16 +156,20 @@ def _seeds(
     px_per_m: float,
 ) -> HandSeeds:
     """inside: how far inside of where the outline is expected [m]; along: a u + b v + c is how far before the wrist [px]."""
-    height, width = inside.shape
-    column, row = np.arange(width) + corner[0], np.arange(height)[:, None] + corner[1]
-    a, b, c = along
-    before = (a * column + b * row + c) / px_per_m
+    before = _before(along, corner, inside.shape) / px_per_m
     # log-odds of a normal distribution, nearly: Φ(x) ≈ 1 / (1 + exp(−1.7 x))
     odds = np.clip(1.7 * inside / off_m, -_MOST, _MOST).astype(np.float32)
     odds[before < 0] = np.maximum(odds[before < 0], 0)  # a wrist goes on as an arm, or not
-    core &= before > 0
-    line = a, b, c + _ARM_M * px_per_m
-    return HandSeeds(corner, odds, core, before > 0, px_per_m, line)
+    return HandSeeds(corner, odds, core & (before > 0), px_per_m, along)
+
+
+def _before(
+    along: tuple[float, float, float], corner: tuple[int, int], shape: tuple[int, ...]
+) -> Floats[H, W]:
+    """Return how far pixels lie before the wrist [px], in a part of the image of that corner (column, row), height and width."""
+    a, b, c = along
+    column, row = np.arange(shape[1]) + corner[0], np.arange(shape[0])[:, None] + corner[1]
+    return a * column + b * row + c
 
 
 def _along(wrist: Array, knuckles: Array) -> tuple[float, float, float]:

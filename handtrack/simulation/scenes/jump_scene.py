@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -46,11 +46,15 @@ class JumpScene:
 
     model: ArticulatedModel
     observed: ImageKeypoints
-    priors: list[ParameterTerm]
     start: Floats[P]
     """the minimum next to the true pose"""
     covariance: Floats[P, P]
     """there"""
+
+    @cached_property
+    def priors(self) -> list[ParameterTerm]:
+        """What is known of a pose beforehand."""
+        return pose_priors(self.model, points_rest(self.model), 0.0)
 
     def polished(self, starts: Floats[N, P]) -> Polished:
         """Return the minima that descent reaches from starts."""
@@ -149,9 +153,8 @@ def jump_scene(seed: int) -> JumpScene:
     points = model.joint_positions(model.bones(truth))[chosen]
     pixels = camera.project(points) + NOISE_PX * rng.normal(size=(len(names), 2))
     seen = ImageKeypoints(camera, names, pixels, 1.0)
-    priors = pose_priors(model, points_rest(model), 0.0)
     empty = np.zeros((len(truth), len(truth)))
-    scene = JumpScene(model, seen, priors, truth, empty)
+    scene = JumpScene(model, seen, truth, empty)
     found = scene.polished(truth[None])
     assert found.is_minimum[0], "descent from the truth ended in no minimum"
     spread, _ = covariance(found.normal[0])
