@@ -43,7 +43,7 @@ class Limits:
 class MovingLimits(NamedTuple):
     """K intervals of solver parameters (P,) [m, rad]; one that has several must lie in all of them.
 
-    An interval moves in a straight line from `first` to `last` while parameter `by` goes from `begin` to `end`.
+    An interval moves in a straight line from `first` to `last` while parameter `by` goes from 0 to `end`.
     """
 
     param: Ints[K]
@@ -51,7 +51,6 @@ class MovingLimits(NamedTuple):
     first: Floats[K, D2]
     by: Ints[K]
     """what it moves with; −1 where it stays `first`"""
-    begin: Floats[K]
     end: Floats[K]
     last: Floats[K, D2]
 
@@ -59,8 +58,7 @@ class MovingLimits(NamedTuple):
     def fixed(cls, bounds: Floats[P, D2]) -> MovingLimits:
         """Return limits that do not move."""
         count, bounds = len(bounds), np.array(bounds, dtype=float, order="C")
-        nothing = np.zeros(count)
-        return cls(np.arange(count), bounds, np.full(count, -1), nothing, nothing, bounds)
+        return cls(np.arange(count), bounds, np.full(count, -1), np.zeros(count), bounds)
 
     @classmethod
     def none(cls) -> MovingLimits:
@@ -91,10 +89,10 @@ def moving_limits(limits: Limits, transform: ParameterTransform) -> MovingLimits
     which, other = which[moves], other[moves]
     last, middle = first.copy(), np.clip(0.0, *first[which].T)[:, None]
     last[which] = middle + limits.narrow_to * (first[which] - middle)
-    by, begin, end = np.full(len(lead), -1), np.zeros(len(lead)), np.zeros(len(lead))
+    by, end = np.full(len(lead), -1), np.zeros(len(lead))
     by[which] = lead[other]
     end[which] = limits.narrow_at / transform.matrix[other, lead[other]]
     ratio = transform.matrix[joint, leader][:, None]
     first, last = (np.sort(ends[joint] / ratio, axis=1) for ends in (first, last))
     leader = leader.copy()  # as `fixed` has it: compiled once
-    return MovingLimits(leader, first, by[joint], begin[joint], end[joint], last)
+    return MovingLimits(leader, first, by[joint], end[joint], last)

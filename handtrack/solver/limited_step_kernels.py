@@ -40,8 +40,8 @@ def fill_box(limits, params, box):  # pragma: no cover - compiled
     for k in range(limits.param.shape[0]):
         p, by, tied, way, share = limits.param[k], limits.by[k], -1, 1.0, 0.0
         if by >= 0:
-            way = limits.end[k] - limits.begin[k]
-            share = (params[by] - limits.begin[k]) / way
+            way = limits.end[k]
+            share = params[by] / way
             if 0.0 < share < 1.0 and by != p:
                 tied = by
             share = min(max(share, 0.0), 1.0)

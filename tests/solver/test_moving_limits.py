@@ -41,10 +41,9 @@ def rows(limits, where):
             row[p], end = 1.0, limits.first[k, column]
             if np.isinf(end):
                 continue
-            if by >= 0 and limits.begin[k] < where[by] < limits.end[k]:
-                slope = (limits.last[k, column] - end) / (limits.end[k] - limits.begin[k])
+            if by >= 0 and 0.0 < where[by] < limits.end[k]:
+                slope = (limits.last[k, column] - end) / limits.end[k]
                 row[by] -= slope
-                end = end - slope * limits.begin[k]
             elif by >= 0 and where[by] >= limits.end[k]:
                 end = limits.last[k, column]
             matrix.append(row)
@@ -71,22 +70,22 @@ def test_a_step_along_moving_limits_is_the_exact_minimum(seed):
     rng = np.random.default_rng(seed)
     a = rng.normal(size=(9, 6))
     system = JointSystem(0.0, 3.0 * a.T @ rng.normal(size=9), a.T @ a)
-    wide = np.tile((-0.4, 0.4), (3, 1))
+    wide, place = np.tile((-0.4, 0.4), (3, 1)), np.r_[np.full(3, 2.0), np.zeros(3)]
     moving = MovingLimits(
-        np.arange(6), np.concatenate([wide, wide]), np.r_[np.full(3, -1), [0, 1, 2]], np.full(6, -2.0),
-        np.full(6, 2.0), np.concatenate([wide, 0.2 * wide]),
+        np.arange(6), np.concatenate([2.0 + wide, wide]), np.r_[np.full(3, -1), [0, 1, 2]],
+        np.full(6, 4.0), np.concatenate([wide, 0.2 * wide]),
     )  # fmt: skip
-    step = bounded_step(system.hessian, system.gradient, np.zeros(6), moving, 0.0)[1]
+    step = bounded_step(system.hessian, system.gradient, place, moving, 0.0)[1]
     assert step is not None
 
     def model(x):
         return system.gradient @ x + 0.5 * x @ system.hessian @ x
 
     exact = minimize(
-        model, np.zeros(6), jac=lambda x: system.gradient + system.hessian @ x, method="SLSQP",
-        constraints=rows(moving, np.zeros(6)), options={"ftol": 1e-14, "maxiter": 500},
+        lambda x: model(x - place), place, jac=lambda x: system.gradient + system.hessian @ (x - place), method="SLSQP",
+        constraints=rows(moving, place), options={"ftol": 1e-14, "maxiter": 500},
     )  # fmt: skip
-    assert_allclose(step, exact.x, atol=1e-5)
+    assert_allclose(step, exact.x - place, atol=1e-5)
     assert model(step) <= exact.fun + 1e-10
 
 
