@@ -1,22 +1,22 @@
-"""The recording-level estimate: each frame again, by those before and after it, one pass after the other."""
+"""The recording-level estimate: each frame again, by those before and after it, as a list of passes over one immutable estimate."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, C, F, Floats, K, P, evenly_spread, runs
+from handtrack.arrays import D3, Array, C, F, Floats, K, P, array_dataclass, evenly_spread, runs
 from handtrack.geometry.rotation import closest_equivalent
-from handtrack.model.articulated import HandScale
 from handtrack.model.pose_changes import TURN
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import in_parallel, one_blas_thread
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.confidence import assessed_as, frame_confidence
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import by_camera
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -72,6 +72,53 @@ _LATE_SAMPLES = 40
 """frames, evenly spread, that are looked at"""
 
 
+@array_dataclass
+class RecordingEstimate:
+    """What is known of a recording after a pass."""
+
+    tracked: Sequence[FrameResult]
+    """as they came, frame after frame, ascending"""
+    likelihood: RecordingLikelihood
+    """what frames say, and what they share"""
+    poses: Floats[F, P]
+    """solver parameters"""
+    trellis: Trellis | None = None
+    """modes of each frame, joined; `poses` lie on its Viterbi path"""
+    calibrated: WholeEstimate | None = None
+    """all poses, and what they share, found together, cameras too"""
+    hypotheses: Sequence[WholeEstimate] = ()
+    """trajectories of the calibrated recording, the best first: one, or as many as were asked for"""
+    results: Sequence[FrameResult] = ()
+
+    @property
+    def frames(self) -> list[int]:
+        return [result.frame for result in self.tracked]
+
+    @property
+    def control(self) -> Control:
+        return self.likelihood.recording.control
+
+    @property
+    def solution(self) -> WholeEstimate:
+        """The best of all poses so far, after `descend`."""
+        assert self.calibrated is not None, "passes come in order"
+        return self.hypotheses[0] if self.hypotheses else self.calibrated
+
+    @property
+    def refinement(self) -> Refinement:
+        """What all frames share, after `descend`."""
+        return Refinement.of(self.solution, self.calibrated)
+
+    @property
+    def duration_s(self) -> float:
+        return self.likelihood.seconds * len(self.tracked)
+
+    def solved(self, likelihood: RecordingLikelihood, poses: Floats[F, P]) -> WholeEstimate:
+        """Return the least cost near some poses. Raises StoppedError."""
+        stop, progress = self.control.should_stop, self.control.observer.progress
+        return estimate_whole(likelihood, self.frames, poses, stop, progress)
+
+
 @one_blas_thread
 def refine(recording: Recording, tracked: Sequence[FrameResult]) -> list[FrameResult]:
     """Return frames that follow one another at the poses that are most probable together.
@@ -94,48 +141,22 @@ def refine(recording: Recording, tracked: Sequence[FrameResult]) -> list[FrameRe
     begun = with_keyframes(recording, tracked) if posed else tracked
     if sum(result.status != Status.LOST for result in begun) < _FEWEST:
         return list(tracked)
+    estimate = bridge_gaps(replace(recording, cameras=()), begun)
     try:
-        found, results = _refined(replace(recording, cameras=()), begun)
+        for one in PASSES:
+            estimate = one(estimate)
+            if recording.control.should_stop():
+                raise StoppedError
     except StoppedError:
         return list(tracked)
-    free = [result for result in results if result.frame not in held]
+    found = replace(estimate.likelihood.recording, cameras=estimate.refinement.cameras)
+    free = [result for result in estimate.results if result.frame not in held]
     again = refine_near(found, free, posed) if posed else []
     results = {r.frame: r for r in (*free, *again)}.values()
     return [result for result in results if result.frame not in held]
 
 
-def _refined(
-    recording: Recording, tracked: Sequence[FrameResult]
-) -> tuple[Recording, Sequence[FrameResult]]:
-    """Return the recording with the person and the cameras that were found, and its frames. Raises StoppedError."""
-    control, numbers = recording.control, [result.frame for result in tracked]
-    likelihood, poses = bridge_gaps(recording, tracked)
-    likelihood, poses, trellis = choose_modes(likelihood, tracked, poses)
-    likelihood = open_shared_parameters(likelihood, tracked)
-    calibrated = estimate_whole(
-        likelihood, numbers, poses, control.should_stop, control.observer.progress
-    )
-    calibrated = correct_cameras(likelihood, numbers, calibrated)
-    likelihood, solution = let_outliers_go(likelihood, numbers, calibrated)
-    hypotheses = flip_limbs(likelihood, numbers, solution)
-    refinement = Refinement.of(hypotheses[0], calibrated)
-    if control.should_stop():
-        raise StoppedError
-    control.observer.shared(refinement.text)
-    likelihood, results = assess_frames(likelihood, tracked, hypotheses[0], refinement.scale)
-    weights = trajectory_weights(likelihood, hypotheses).tolist()
-    results = with_alternatives(
-        likelihood.model, results, trellis, likelihood.settings.tracker.hypotheses,
-        list(zip(hypotheses, weights, strict=True)),
-    )  # fmt: skip
-    if control.should_stop():
-        raise StoppedError
-    return replace(likelihood.recording, cameras=refinement.cameras), results
-
-
-def bridge_gaps(
-    recording: Recording, tracked: Sequence[FrameResult]
-) -> tuple[RecordingLikelihood, Floats[F, P]]:
+def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> RecordingEstimate:
     """Return where the estimate begins: tracked poses, and between them straight on where the hand was lost."""
     solver_params = recording.model.solver_params
     lost = frozenset(r.frame for r in tracked if r.status == Status.LOST)
@@ -149,15 +170,14 @@ def bridge_gaps(
     likelihood = RecordingLikelihood(recording, around, frame_seconds(tracked), silent=lost)
     outlines = measured_outlines(likelihood, [numbers[n] for n in found], poses[found])
     likelihood = replace(likelihood, outline_mm=outlines)
-    return replace(likelihood, new=new_share(likelihood, numbers, poses)), poses
+    likelihood = replace(likelihood, new=new_share(likelihood, numbers, poses))
+    return RecordingEstimate(tracked, likelihood, poses)
 
 
-def choose_modes(
-    likelihood: RecordingLikelihood, tracked: Sequence[FrameResult], poses: Floats[F, P]
-) -> tuple[RecordingLikelihood, Floats[F, P], Trellis]:
-    """Return what frames say on the Viterbi path through their modes, and this path. Raises StoppedError."""
-    numbers = [result.frame for result in tracked]
-    search = ModeSearch(likelihood, tracked, poses, likelihood.recording.control)
+def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate on the Viterbi path through the modes of its frames. Raises StoppedError."""
+    tracked, numbers, likelihood = estimate.tracked, estimate.frames, estimate.likelihood
+    search = ModeSearch(likelihood, tracked, estimate.poses, estimate.control)
     gathered = search.gathered()
     if gathered is None:
         raise StoppedError
@@ -173,92 +193,116 @@ def choose_modes(
     for n in poor:
         before = likelihood.model.solver_params(tracked[n].parameters)
         poses[n] = min(poses[n], before, key=lambda pose: likelihood.of(numbers[n]).at(pose).cost)
-    return likelihood, poses, trellis
+    return replace(estimate, likelihood=likelihood, poses=poses, trellis=trellis)
 
 
-def open_shared_parameters(
-    likelihood: RecordingLikelihood, tracked: Sequence[FrameResult]
-) -> RecordingLikelihood:
-    """Return the frames of which what some tell of the person and of the cameras' times and masks is to be found."""
-    subject, found = likelihood.recording.subject, [r for r in tracked if r.status != Status.LOST]
-    samples = _samples(likelihood, [result.frame for result in found])
+def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate in which what some frames tell of the person and of the cameras' times and masks is to be found."""
+    likelihood = estimate.likelihood
+    subject = likelihood.recording.subject
+    samples = _samples(likelihood, [r.frame for r in estimate.tracked if r.status != Status.LOST])
     if subject is not None and samples:
         likelihood = replace(likelihood, person=PersonChange.of(likelihood.model, samples, subject))
     points = [one for seen, _ in samples for one in seen.keypoints]
     detected = any(isinstance(one, ImageKeypoints) for one in points)
     likelihood = replace(likelihood, wide=detected and likelihood.model.kind == "hand")
-    timed = likelihood.seconds * len(tracked) >= NEW_POSE_S
-    later = [likelihood.frames_later[result.frame] for result in tracked]  # `new_share` read all
+    timed = estimate.duration_s >= NEW_POSE_S
+    later = [likelihood.frames_later[frame] for frame in estimate.frames]  # `new_share` read all
     cameras = CameraChanges.of([one for one, _ in samples], later)
     cameras = cameras.finding(OUTLINE | TIME if timed else OUTLINE)
-    return likelihood.sharing(likelihood.shared.through(cameras))
+    return replace(estimate, likelihood=likelihood.sharing(likelihood.shared.through(cameras)))
 
 
-def correct_cameras(
-    likelihood: RecordingLikelihood, numbers: Sequence[int], found: WholeEstimate
-) -> WholeEstimate:
-    """Return the estimate with cameras corrected, where that explains more than as many numbers would of nothing; else the given one."""
-    control = likelihood.recording.control
-    if not found.cameras.count or likelihood.seconds * len(numbers) < _MOVED_S:
-        return found
+def descend(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate at the least cost nearby, of all poses and of what they share. Raises StoppedError."""
+    return replace(estimate, calibrated=estimate.solved(estimate.likelihood, estimate.poses))
+
+
+def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate with cameras corrected, where that explains more than as many numbers would of nothing. Raises StoppedError."""
+    found, numbers = estimate.solution, estimate.frames
+    if not found.cameras.count or estimate.duration_s < _MOVED_S:
+        return estimate
     cameras = found.cameras.finding(ALL)
-    likelihood = likelihood.sharing(found.shared.through(cameras))
+    likelihood = estimate.likelihood.sharing(found.shared.through(cameras))
     nearest = _nearest_images(likelihood, numbers, found.poses)
     likelihood = likelihood.sharing(found.shared.through(nearest))
     asked = _asked_gain(cameras)
     at_most = float(found.costs.mean()) - _EXPECTED * asked
+    stop = estimate.control.should_stop
     try:
         tried = estimate_whole(
-            likelihood, numbers, found.poses, control.should_stop, sweeps=_TRIED, at_most=at_most
+            likelihood, numbers, found.poses, stop, sweeps=_TRIED, at_most=at_most
         )
-    except StoppedError:
-        return found
+    except StoppedError:  # also where a first step foretells less
+        return estimate
     if tried.costs.mean() >= at_most:
-        return found
-    again = estimate_whole(
-        likelihood.sharing(tried.shared), numbers, tried.poses, control.should_stop, control.observer.progress
-    )  # fmt: skip
-    return found if found.costs.mean() - again.costs.mean() <= asked else again
+        return estimate
+    again = estimate.solved(likelihood.sharing(tried.shared), tried.poses)
+    better = found.costs.mean() - again.costs.mean() > asked
+    return replace(estimate, calibrated=again) if better else estimate
 
 
-def let_outliers_go(
-    likelihood: RecordingLikelihood, numbers: Sequence[int], found: WholeEstimate
-) -> tuple[RecordingLikelihood, WholeEstimate]:
-    """Return the estimate once detected joints far off the model no longer pull, cameras standing where they were found."""
-    if not likelihood.wide:  # a body's are never let go: one descent finds all
-        return likelihood, found
-    control = likelihood.recording.control
+def let_outliers_go(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate once detected joints far off the model no longer pull, cameras standing where they were found. Raises
+    StoppedError.
+    """
+    if not estimate.likelihood.wide:  # a body's are never let go: one descent finds all
+        return estimate
+    found = estimate.solution
     masks = found.shared.through(found.cameras.finding(OUTLINE))
-    likelihood = replace(likelihood.sharing(masks), wide=False)
-    return likelihood, estimate_whole(
-        likelihood, numbers, found.poses, control.should_stop, control.observer.progress
-    )
+    likelihood = replace(estimate.likelihood.sharing(masks), wide=False)
+    again = estimate.solved(likelihood, found.poses)
+    return replace(estimate, likelihood=likelihood, hypotheses=(again,))
 
 
-def flip_limbs(
-    likelihood: RecordingLikelihood, numbers: Sequence[int], found: WholeEstimate
-) -> list[WholeEstimate]:
-    """Return the trajectories that one camera's joints leave open, the best first, where several are asked for; else the given one."""
-    count = likelihood.settings.tracker.hypotheses
+def flip_limbs(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate of the trajectories that one camera's joints leave open, where several are asked for."""
+    count, likelihood = estimate.likelihood.settings.tracker.hypotheses, estimate.likelihood
     if count <= 1 or likelihood.new > MOSTLY_NEW:
-        return [found]
-    return trajectory_hypotheses(likelihood, found, numbers, count, likelihood.recording.control)
+        return estimate
+    several = trajectory_hypotheses(
+        likelihood, estimate.solution, estimate.frames, count, estimate.control
+    )
+    return replace(estimate, hypotheses=several)
 
 
-def assess_frames(
-    likelihood: RecordingLikelihood,
-    tracked: Sequence[FrameResult],
-    found: WholeEstimate,
-    scale: HandScale | None,
-) -> tuple[RecordingLikelihood, list[FrameResult]]:
-    """Return each frame's result, of the person and by the cameras that were found."""
-    recording, likelihood = likelihood.recording, likelihood.sharing(found.shared)
-    if recording.subject is not None and scale is not None:
-        recording = replace(recording, model=recording.subject.build(scale))
-        around = dict(zip((r.frame for r in tracked), found.poses, strict=True))
+def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate with each frame's result, of the person and by the cameras that were found; these are reported."""
+    found, refinement, tracked = estimate.solution, estimate.refinement, estimate.tracked
+    estimate.control.observer.shared(refinement.text)
+    likelihood = estimate.likelihood.sharing(found.shared)
+    recording = likelihood.recording
+    if recording.subject is not None and refinement.scale is not None:
+        recording = replace(recording, model=recording.subject.build(refinement.scale))
+        around = dict(zip(estimate.frames, found.poses, strict=True))
         likelihood = replace(likelihood, recording=recording, around=around, person=None)
     results = in_parallel(lambda n: _result(likelihood, found, n, tracked), range(len(tracked)))
-    return likelihood, results
+    return replace(estimate, likelihood=likelihood, results=results)
+
+
+def keep_alternatives(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate whose frames have the other poses that all frames together leave open, and are as unsure."""
+    assert estimate.trellis is not None, "passes come in order"
+    likelihood, hypotheses = estimate.likelihood, estimate.hypotheses or [estimate.solution]
+    weights = trajectory_weights(likelihood, hypotheses).tolist()
+    results = with_alternatives(
+        likelihood.model, estimate.results, estimate.trellis, likelihood.settings.tracker.hypotheses,
+        list(zip(hypotheses, weights, strict=True)),
+    )  # fmt: skip
+    return replace(estimate, results=results)
+
+
+PASSES: tuple[Callable[[RecordingEstimate], RecordingEstimate], ...] = (
+    choose_modes,
+    open_shared_parameters,
+    descend,
+    correct_cameras,
+    let_outliers_go,
+    flip_limbs,
+    assess_frames,
+    keep_alternatives,
+)
 
 
 @one_blas_thread
