@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D2, C, Floats, N, array_dataclass
+from handtrack.arrays import D2, C, Floats, N
 from handtrack.geometry.triangulation import triangulated
 from handtrack.observation.observation import Silhouette
 
@@ -30,14 +30,14 @@ def suspected(silhouettes: tuple[Silhouette, ...]) -> list[Silhouette]:
 
     They agree where behind most pixels of each some point may be hand in all of the others.
     """
-    hands = [hand for s in silhouettes if len((hand := _Hand(s)).pixels)]
+    hands = [s for s in silhouettes if len(_hand(s)[0])]
 
-    def agree(some: Sequence[_Hand]) -> bool:
+    def agree(some: Sequence[Silhouette]) -> bool:
         return all(_contradicted(h, [o for o in some if o is not h]) < _MOST for h in some)
 
     if len(hands) < 3 or agree(hands):
         return []
-    return [one.silhouette for one in hands if agree([o for o in hands if o is not one])]
+    return [one for one in hands if agree([o for o in hands if o is not one])]
 
 
 def weighed(silhouettes: Sequence[Silhouette]) -> tuple[Silhouette, ...]:
@@ -59,53 +59,40 @@ def outline_errors_px(silhouettes: Sequence[Silhouette]) -> Floats[C]:
     contradicted area over the outline's length is a distance. Who of two is wrong cannot be told, so both get the mean;
     whom any other camera confirms is right.
     """
-    hands = [_Hand(s) for s in silhouettes]
+    counts = [len(_hand(s)[0]) for s in silhouettes]
     lengths = [s.outline_px for s in silhouettes]
-    off = np.full((len(hands), len(hands)), np.nan)
-    for i, one in enumerate(hands):
-        for j, other in enumerate(hands):
-            if i != j and len(one.pixels) and len(other.pixels):
-                off[i, j] = _contradicted(one, [other]) * len(one.pixels) / max(lengths[i], 1.0)
+    off = np.full((len(counts), len(counts)), np.nan)
+    for i, one in enumerate(silhouettes):
+        for j, other in enumerate(silhouettes):
+            if i != j and counts[i] and counts[j]:
+                off[i, j] = _contradicted(one, [other]) * counts[i] / max(lengths[i], 1.0)
     both = (off + off.T) / 2
     return np.nan_to_num(np.where(np.isnan(both), np.inf, both).min(axis=1), posinf=0.0)
 
 
-@array_dataclass
-class _Hand:
-    """What one silhouette calls hand."""
-
-    silhouette: Silhouette
-
-    @cached_property
-    def pixels(self) -> Floats[N, D2]:
-        """All of it."""
-        hand = (self.silhouette.mask > 0.5) & self.silhouette.known
-        return np.argwhere(hand)[:, ::-1].astype(float)
-
-    @cached_property
-    def middle(self) -> Floats[D2]:
-        """Of these, where there are any."""
-        return np.median(self.pixels, axis=0)
+@lru_cache(maxsize=32)
+def _hand(silhouette: Silhouette) -> tuple[Floats[N, D2], Floats[D2]]:
+    """Return the pixels that a silhouette calls hand, and their middle, NaN where there are none."""
+    pixels = np.argwhere((silhouette.mask > 0.5) & silhouette.known)[:, ::-1].astype(float)
+    return pixels, np.median(pixels, axis=0) if len(pixels) else np.full(2, np.nan)
 
 
-def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
+def _contradicted(one: Silhouette, others: Sequence[Silhouette]) -> float:
     """Return the share of a hand's pixels on whose lines of sight no point may be hand in all of the others."""
-    camera = one.silhouette.camera
+    camera, (pixels, middle) = one.camera, _hand(one)
     met = [
-        triangulated(
-            [camera, other.silhouette.camera], np.array([[one.middle], [other.middle]]), 0.0
-        )[0]
+        triangulated([camera, other.camera], np.array([[middle], [_hand(other)[1]]]), 0.0)[0]
         for other in others
     ]
-    middles = np.array([middle for middle in met if np.isfinite(middle).all()])
+    middles = np.array([place for place in met if np.isfinite(place).all()])
     if not len(middles):  # they look along one line
         return 0.0
-    rays = camera.rays(one.pixels[:: max(len(one.pixels) // _SAMPLES, 1)])
+    rays = camera.rays(pixels[:: max(len(pixels) // _SAMPLES, 1)])
     along = (middles - camera.centre) @ rays.T
     steps = np.arange(-_REACH_M, _REACH_M + np.ptp(along, axis=0).max() + _STEP_M / 2, _STEP_M)
     points = camera.centre + (along.min(axis=0)[:, None] + steps)[..., None] * rays[:, None]
     possible = np.ones(points.shape[:2], bool)
     for other in others:
-        covered, known, _ = other.silhouette.at(points[possible])
+        covered, known, _ = other.at(points[possible])
         possible[possible] = covered | ~known
     return float((~possible.any(axis=1)).mean())

@@ -41,7 +41,11 @@ class KeypointTerm(ObservationTerm):
     observed: Observed
     weight: float = 1.0
     loss: Loss = quadratic()
-    name: str = "keypoints"
+
+    @property
+    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """`pins` for what a person said, else `keypoints`."""
+        return "pins" if isinstance(self.observed, ImagePins) else "keypoints"
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         (bone, own, *seen), observed = self._targets, self.observed

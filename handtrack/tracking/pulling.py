@@ -74,7 +74,7 @@ def _least_change(
     model: ArticulatedModel, settings: TrackerSettings, seen: Observation, stood: Floats[P]
 ) -> Problem:
     joints = model.joint_positions(model.bones(stood))
-    stay = KeypointTerm(model, Keypoints(tuple(model.joint_names), joints, _STAY_M), name="stay")
+    stay = KeypointTerm(model, Keypoints(tuple(model.joint_names), joints, _STAY_M))
     sigma = np.full(len(model.parameter_names), np.inf)
     sigma[6:] = _STAY_RAD
     as_it_was = GaussianPrior(model.joint_params(stood), sigma, "stay")

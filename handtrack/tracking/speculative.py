@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
@@ -23,6 +23,7 @@ from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 Stepped = tuple[TrackerState, FrameResult]
+Searched = tuple[TrackerState, FrameResult, Sequence[SearchReport]]
 
 
 _SWITCH_S = 0.0005
@@ -44,13 +45,10 @@ class _Frame:
     """A frame that is solved, as long as no search finds a better pose in it or before."""
 
     number: int
-    after: TrackerState | None = None
-    result: FrameResult | None = None
-    reports: _Reports = field(default_factory=_Reports)
-    beside: Future[Stepped] | None = None
+    stepped: Searched | None = None
+    """without searches"""
+    beside: Future[Searched] | None = None
     """a whole step with its searches, made beside"""
-    searched: _Reports = field(default_factory=_Reports)
-    """what that tells"""
     dropped: threading.Event = field(default_factory=threading.Event)
     """set where nobody waits for it any longer"""
     failure: Exception | None = None
@@ -95,9 +93,7 @@ class SpeculativeExecution:
     def _stepped(self, number: int) -> Stepped | None:
         """Return a frame solved with its searches; None when stopped."""
         seen = self._observe(number, self._tracker.expected_bones(self._state, number))
-        reports = _Reports()
-        control = replace(self._control, observer=reports)
-        self._state, result = self._tracker.step(self._state, seen, control)
+        self._state, result, reports = self._searched(self._state, seen, self._control)
         if self._control.should_stop():
             return None
         if reports:
@@ -105,6 +101,12 @@ class SpeculativeExecution:
         self._show(result)
         self._report(reports)
         return self._state, result
+
+    def _searched(self, before: TrackerState, seen: Observation, control: Control) -> Searched:
+        """Return a whole step, with what its searches report."""
+        reports = _Reports()
+        after, result = self._tracker.step(before, seen, replace(control, observer=reports))
+        return after, result, reports
 
     def _pursued(self, numbers: Iterator[int], pool: ThreadPoolExecutor) -> Iterator[Stepped]:
         while True:
@@ -147,32 +149,27 @@ class SpeculativeExecution:
         """Solve a frame without searches; begin beside what is due."""
         frame = _Frame(number)
         self._ahead.append(frame)
-        before, control = self._state, replace(self._control, observer=frame.reports)
+        reports, before = _Reports(), self._state
+        control = replace(self._control, observer=reports)
         try:
             seen = self._observe(number, self._tracker.expected_bones(before, number))
-            frame.after, frame.result, due = self._tracker.step_without_search(
-                before, seen, control
-            )
+            after, result, due = self._tracker.step_without_search(before, seen, control)
         except Exception as problem:  # an earlier frame's search may lead elsewhere
             frame.failure = problem
             return
-        self._state = frame.after
+        self._state, frame.stepped = after, (after, result, reports)
         if self._control.should_stop():
             return
         if due and (control.waits or not any(other.beside for other in self._ahead)):
             self._search(frame, before, seen, pool)
-        self._show(frame.result)
+        self._show(result)
 
     def _search(
         self, frame: _Frame, before: TrackerState, seen: Observation, pool: ThreadPoolExecutor
     ) -> None:
         asked = self._control.should_stop
-        control = replace(
-            self._control,
-            should_stop=lambda: frame.dropped.is_set() or asked(),
-            observer=frame.searched,
-        )
-        frame.beside = pool.submit(self._tracker.step, before, seen, control)
+        control = replace(self._control, should_stop=lambda: frame.dropped.is_set() or asked())
+        frame.beside = pool.submit(self._searched, before, seen, control)
 
     def _is_known(self, frame: _Frame) -> bool:
         return frame.beside is None or frame.beside.done()
@@ -181,17 +178,16 @@ class SpeculativeExecution:
         """Return a frame as it holds, None when stopped. Where it holds otherwise than it stood, those after it are due anew."""
         if frame.failure is not None:
             raise frame.failure
-        assert frame.after is not None
-        assert frame.result is not None
-        after, result, reports = frame.after, frame.result, frame.reports
+        assert frame.stepped is not None
+        after, result, reports = frame.stepped
         if frame.beside is not None:
-            reports, found = frame.searched, frame.beside.result()
+            searched, found, reports = frame.beside.result()
             if self._control.should_stop():
                 return None
-            is_better = _is_changed(frame.result, found[1])
+            is_better = _is_changed(result, found)
             self._learn(is_better)
             if is_better:
-                after, result = found
+                after, result = searched, found
                 later = [other.number for other in self._ahead]
                 if not self._control.waits:
                     later = later[:: -(-len(later) // _CAUGHT_UP) or 1]

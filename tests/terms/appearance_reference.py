@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from handtrack.terms.images.outline_edges import CLUTTER, CORRELATION_PX
 from handtrack.terms.rows import Rows, motion_row
 from tests.terms.plain_rows import system_of
 
@@ -15,9 +16,9 @@ def edges_system(term, bones):
         x = ((outline.camera.project(points) - outline.pixel) * outline.normal).sum(axis=1)
         off = (x[:, None] - place) / term.sigma_px
         likely = strength * np.exp(-0.5 * off**2)
-        here = term.clutter + likely.sum(axis=1)
-        none = term.clutter + (0 if term.from_unexplained else strength.sum(axis=1))
-        size = term.weight * outline.length_px / term.correlation_px
+        here = CLUTTER + likely.sum(axis=1)
+        none = CLUTTER + (0 if term.from_unexplained else strength.sum(axis=1))
+        size = term.weight * outline.length_px / CORRELATION_PX
         across = np.einsum("nij,ni->nj", outline.camera.project_jacobian(points), outline.normal)
         twist = motion_row(points, across, bones.reference)
         count, most = likely.shape

@@ -46,7 +46,7 @@ def test_the_sums_are_those_that_numpy_makes(rng):
         assert_same_system(term.linearize(moved), reference)
         assert term.cost(moved) == pytest.approx(reference.cost)
     for from_unexplained in (True, False):
-        term = OutlineEdgesTerm(edges, 2.0, 8.0, 0.2, 0.7, from_unexplained)
+        term = OutlineEdgesTerm(edges, 2.0, 0.7, from_unexplained)
         reference = edges_system(term, moved)
         assert_same_system(term.linearize(moved), reference)
         assert term.cost(moved) == pytest.approx(reference.cost)

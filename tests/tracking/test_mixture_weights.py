@@ -44,7 +44,7 @@ def settings(**values):
 
 def frame(model, *priors, keypoints=()):
     """Return a frame that costs what these terms of the parameters cost: the likelihood is known exactly."""
-    return FrameTerms(model, settings(), (), (), None, None, keypoints, priors)
+    return FrameTerms(model, settings(), NOTHING, (), (), None, None, keypoints, priors)
 
 
 def component(mean, covariance, terms, weight=1.0, number=0):

@@ -118,6 +118,10 @@ def _inside(pixel: Floats, camera: Camera) -> Array:
 
 STEP_PX = 0.5  # between samples along a normal
 MOST = 4  # edges kept of a normal; more are clutter
+CORRELATION_PX = 10.0
+"""along how much of an outline an edge's error stays the same: what outlines have in mm, in an image a pixel of which is a millimetre
+of the hand"""
+CLUTTER = 0.1  # strength that an outline without any edge has
 FAINT = 2.0  # [grey levels / px] an edge this weak is noise
 
 
@@ -154,27 +158,22 @@ class OutlineEdgesTerm(SurfaceTerm):
     observed: Sequence[ObservedEdges]
     """of each camera"""
     sigma_px: float
-    correlation_px: float = 10.0
-    """along how much of the outline an error stays the same"""
-    clutter: float = 0.1
-    """strength that an outline without any edge has"""
     weight: float = 1.0
     from_unexplained: bool = False
     """count from what a piece without an edge costs, so that a pose that shows less outline does not seem better"""
     name = "edges"
 
     def __post_init__(self) -> None:
-        if not (self.sigma_px > 0 and self.correlation_px > 0 and self.clutter > 0):
+        if not self.sigma_px > 0:
             raise HandtrackError(
-                f"{self.name}: sigma {self.sigma_px:g} px, stretch {self.correlation_px:g} px, clutter {self.clutter:g}; "
-                "expected positive numbers."
+                f"{self.name}: sigma {self.sigma_px:g} px; expected a positive number."
             )
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
-        cost, spread = 0.0, (self.sigma_px, self.clutter, self.from_unexplained)
+        cost, spread = 0.0, (self.sigma_px, CLUTTER, self.from_unexplained)
         for outline, *edges in self.observed:
             camera = outline.camera
-            weight = self.weight * outline.length_px / self.correlation_px
+            weight = self.weight * outline.length_px / CORRELATION_PX
             local = bones.rescaled_surface(outline.bone, outline.local)
             pieces = outline.bone, local, outline.pixel, outline.normal, weight
             pinhole = camera.matrix, camera.rotation, camera.translation

@@ -5,9 +5,6 @@ from __future__ import annotations
 EDGE_SEARCH_PX = (16.0, 8.0, 4.0)
 """[px] how far to either side of the predicted outline edges are looked for, stage after stage: a finger's breadth in a VGA
 image, then halved (docs/explanation/silhouettes.md)"""
-EDGE_CORRELATION_PX = 10.0
-"""[px] along how much of an outline an edge's error stays the same: what outlines have in mm, in an image a pixel of which
-is a millimetre of the hand"""
 TEXTURE_SMOOTH_PX = (4.0, 2.0, 1.0)
 """[px] by how much images are smoothed, stage after stage: coarse to fine as in the 2003 paper, section 2"""
 TEXTURE_CORRELATION_PX = 6.0

@@ -80,9 +80,7 @@ def _only_view(terms: FrameTerms) -> Camera | None:
     """Return the camera whose mask or image is all that was seen of a body, its joints aside; None where there is more."""
     if terms.model.kind != "body" or terms.cloud is not None or not terms.views:
         return None
-    cameras = [seen.camera for seen in terms.prepared]
-    if terms.appearance is not None:
-        cameras += [view.camera for view in terms.appearance.images]
+    cameras = [seen.camera for seen in (*terms.prepared, *terms.images)]
     return _only_one(terms, cameras)
 
 

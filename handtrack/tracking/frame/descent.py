@@ -57,7 +57,8 @@ def descend(
 def by_keypoints_alone(terms: FrameTerms) -> bool:
     """Return whether keypoints are all that a frame is solved by, so that many starts can be polished at once."""
     plain = all(term.weight == 1.0 for term in terms.keypoints)
-    others = terms.views or terms.pins or terms.own or terms.own_priors
+    own = terms.observation.terms or terms.observation.priors
+    others = terms.views or terms.pins or own
     return plain and bool(terms.keypoints) and not others
 
 

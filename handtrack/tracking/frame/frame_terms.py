@@ -15,6 +15,7 @@ from handtrack.observation.agreement import suspected
 from handtrack.observation.observation import (
     CLOUD_NAME,
     ImageKeypoints,
+    ImageView,
     Keypoints,
     Observation,
     Silhouette,
@@ -35,12 +36,12 @@ from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.constants import FOREARM_VISIBLE_MM, LOST_OVERLAP
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import (
-    AppearanceObservation,
     Before,
+    CarriedPoints,
     appearance_stages,
     appearance_terms,
     at_stage,
-    see_appearance,
+    carried_points,
 )
 from handtrack.tracking.frame.terms.cloud_terms import (
     CLOUD_TERMS,
@@ -72,23 +73,19 @@ class FrameTerms:
 
     model: ArticulatedModel
     settings: TrackerSettings
+    observation: Observation
     prepared: tuple[PreparedSilhouette, ...]
     pixels_per_m: tuple[float, ...]
     """of each silhouette, at the hand's distance"""
     cloud: CloudObservation | None
-    appearance: AppearanceObservation | None
+    carried: tuple[CarriedPoints, ...] | None
+    """texture of frames before; None where the frame's images do not count"""
     keypoints: tuple[KeypointTerm, ...]
     priors: tuple[ParameterTerm, ...]
-    parts: tuple[ObservationTerm, ...] = ()
-    """what keeps the model's parts out of each other"""
     pins: tuple[KeypointTerm, ...] = ()
     """where a person said that joints and segments lie"""
     outlines_off_px: tuple[float, ...] = ()
     """of each silhouette, as the other cameras tell, beyond the usual"""
-    own: tuple[ObservationTerm, ...] = ()
-    """the caller's, as they are given"""
-    own_priors: tuple[ParameterTerm, ...] = ()
-    """the caller's; they are among the priors"""
     motions: Mapping[str, BoneMotion] = field(default_factory=dict)
     """by camera that saw at another time, or of the cloud, how the bones move until then"""
 
@@ -161,7 +158,7 @@ class FrameTerms:
         ramps = self.prepared and bands.term == "coverage"
         count = 2 if self.detected else 1
         count = len(bands.bands_mm) if ramps or self.cloud is not None else count
-        return count if self.appearance is None else max(count, appearance_stages(self.settings))
+        return count if self.carried is None else max(count, appearance_stages(self.settings))
 
     def wide(self) -> FrameTerms:
         """Return the terms where detected joints pull from however far: of all stages but the last."""
@@ -169,10 +166,19 @@ class FrameTerms:
         return replace(self, keypoints=tuple(points))
 
     @property
+    def parts(self) -> tuple[ObservationTerm, ...]:
+        """What keeps the model's parts out of each other."""
+        return (contact(self.model),) if self.settings.prior.collision else ()
+
+    @property
+    def images(self) -> tuple[ImageView, ...]:
+        """Those that count."""
+        return () if self.carried is None else self.observation.images
+
+    @property
     def views(self) -> int:
         """How many silhouettes, clouds and images were seen."""
-        images = 0 if self.appearance is None else len(self.appearance.images)
-        return len(self.prepared) + (self.cloud is not None) + images
+        return len(self.prepared) + (self.cloud is not None) + len(self.images)
 
     @property
     def has_observations(self) -> bool:
@@ -196,11 +202,13 @@ class FrameTerms:
         ellipsoids = self.model.ellipsoids["fine"]
         band_mm = at_stage(settings.bands_mm, index)
         points = (self if index >= self.stages - 1 else self.wide()).keypoints
-        terms: list[ObservationTerm] = [*self.own, *self.parts, *self.pins, *points]
+        terms: list[ObservationTerm] = [*self.observation.terms, *self.parts, *self.pins, *points]
         if self.cloud is not None:
             terms += cloud_terms(self.cloud, band_mm)
-        if self.appearance is not None:
-            terms += appearance_terms(self.appearance, self.settings, index, start)
+        if self.carried is not None:
+            terms += appearance_terms(
+                self.model, self.images, self.carried, self.settings, index, start
+            )
         if not self.prepared:
             return terms
         scale = np.array(self.pixels_per_m) * _MM
@@ -293,17 +301,15 @@ def frame_terms(
     return FrameTerms(
         model,
         settings,
+        observation,
         tuple(prepared),
         tuple(scales),
         cloud,
-        see_appearance(observation, model, settings, before),
+        carried_points(observation, model, settings, before),
         tuple(keypoints),
         (*priors, *observation.priors),
-        (contact(model),) if prior.collision else (),
         pin_terms(model, observation),
         tuple(silhouette.off_px for silhouette in weighted),
-        observation.terms,
-        observation.priors,
     )
 
 
@@ -329,7 +335,7 @@ def _of_the_hand(
 
 def pin_terms(model: ArticulatedModel, observation: Observation) -> tuple[KeypointTerm, ...]:
     """Return what holds the pins of an observation: without a robust loss, for a person said so."""
-    return tuple(KeypointTerm(model, seen, name="pins") for seen in observation.pins)
+    return tuple(KeypointTerm(model, seen) for seen in observation.pins)
 
 
 def at_camera_times(

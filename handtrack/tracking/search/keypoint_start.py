@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -105,9 +106,12 @@ class ImageJointObjective:
 
     model: ArticulatedModel
     keypoints: Sequence[ImageKeypoints]
-    most: ImageKeypoints
-    """the view with most joints: it proposes"""
-    control: Control = Control()
+    control = Control()
+
+    @cached_property
+    def most(self) -> ImageKeypoints:
+        """The view with most joints: it proposes."""
+        return max(self.keypoints, key=_joint_count)
 
     def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
         params = np.array([c.params for c in candidates])
@@ -169,14 +173,13 @@ def hands_from_images(model: ArticulatedModel, seen: Sequence[ImageKeypoints]) -
     forwards and backwards along the viewing rays and polished again. Their confidences are shares of exp(−cost).
     Raises HandtrackError where too few joints are seen.
     """
-    most = max(seen, key=lambda s: int(np.isfinite(s.pixels).all(axis=1).sum()), default=None)
-    count = 0 if most is None else int(np.isfinite(most.pixels).all(axis=1).sum())
-    if most is None or count < FEWEST:
+    count = max(map(_joint_count, seen), default=0)
+    if count < FEWEST:
         raise HandtrackError(
             f"first-frame pose: {count} joints are seen in one image, at least {FEWEST} are needed to place the {model.kind}. "
             "Add points, or pose the hand by parameters."
         )
-    objective = ImageJointObjective(model, seen, most)
+    objective = ImageJointObjective(model, seen)
     found = run_rounds(IMAGE_JOINTS, objective, ())
     chosen = [c for c in objective.distinct(found, IMAGE_JOINTS.most) if np.isfinite(c.cost)]
     weight = np.exp([chosen[0].cost - c.cost for c in chosen])
@@ -186,6 +189,10 @@ def hands_from_images(model: ArticulatedModel, seen: Sequence[ImageKeypoints]) -
         for c, w in zip(chosen, weight, strict=True)
         if c.normal is not None
     ]
+
+
+def _joint_count(seen: ImageKeypoints) -> int:
+    return int(np.isfinite(seen.pixels).all(axis=1).sum())
 
 
 def _placed(model: ArticulatedModel, seen: ImageKeypoints) -> list[tuple[Floats, float]]:

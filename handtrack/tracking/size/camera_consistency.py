@@ -8,13 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, D6, B, Floats, K, P, array_dataclass
+from handtrack.arrays import D3, D6, B, Floats, K, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
+from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.person import is_stopped
@@ -70,30 +71,24 @@ def camera_inconsistencies(
     return sorted(found, key=lambda one: -one.gain)
 
 
-@array_dataclass
-class _Frame:
-    """A frame as its cameras see it."""
-
-    model: ArticulatedModel
-    settings: TrackerSettings
-    observed: Observation
-    pose: Floats[P]
+class _Frame(FrameTask):
+    """A frame as its cameras see it at the pose it starts from."""
 
     @cached_property
     def bones(self) -> BonePoses:
-        return self.model.bones(self.pose)
+        return self.model.bones(self.start)
 
     @cached_property
     def views(self) -> dict[str, Silhouette | ImageKeypoints]:
         """Of each camera one, by its name."""
-        seen = (*self.observed.silhouettes, *self.observed.image_keypoints)
+        seen = (*self.observation.silhouettes, *self.observation.image_keypoints)
         return {one.camera.name: one for one in seen}
 
     @cached_property
     def systems(self) -> dict[str, JointSystem]:
         """What each camera says, by its name, of pose (P), overall size (1), and its own direction (3) and lens (2)."""
-        model, observed, points = self.model, self.observed, len(self.model.joint_names)
-        bones, twists, _ = model.linearize(self.pose)
+        model, observed, points = self.model, self.observation, len(self.model.joint_names)
+        bones, twists, _ = model.linearize(self.start)
         moves = BoneFields.of_twists(twists @ model.transform.matrix, points)
         moves = moves.beside(SizeParameters(model).fields(bones, np.arange(1)))
         found: dict[str, JointSystem] = {}
@@ -114,12 +109,11 @@ class _Frame:
     @cached_property
     def prior(self) -> JointSystem:
         """What is known of the pose besides, in its P numbers."""
-        priors = frame_terms(self.model, self.settings, self.observed, self.bones).priors
-        return Problem(self.model, (), priors).linearize(self.pose)
+        return Problem(self.model, (), self.terms(self.start).priors).linearize(self.start)
 
     def without_pose(self, name: str, kind: str) -> JointSystem:
         """Return the system of the overall size (1) and of a camera's change (K), the pose following."""
-        count = len(self.pose)
+        count = len(self.start)
         first, last = (count + 1, count + 4) if kind == "direction" else (count + 4, count + 6)
         chosen = np.eye(count + 6)[:, [*range(count + 1), *range(first, last)]]
         held = chosen * (np.arange(chosen.shape[1]) <= count)
@@ -128,8 +122,8 @@ class _Frame:
         gradient, hessian = system.gradient.copy(), system.hessian.copy()
         gradient[:count] += self.prior.gradient
         hessian[:count, :count] += self.prior.hessian
-        low, high = self.model.bounds(self.pose).T
-        stopped = is_stopped(self.pose, low, high, gradient[:count])
+        low, high = self.model.bounds(self.start).T
+        stopped = is_stopped(self.start, low, high, gradient[:count])
         free, left = np.flatnonzero(~stopped), slice(count, None)
         stiff = hessian[np.ix_(free, free)]
         stiff = stiff + _RIDGE * np.diag(np.diag(stiff) + 1.0)

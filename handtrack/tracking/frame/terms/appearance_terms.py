@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -29,7 +30,6 @@ from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import (
-    EDGE_CORRELATION_PX,
     EDGE_SEARCH_PX,
     FOREARM_VISIBLE_MM,
     TEXTURE_CORRELATION_PX,
@@ -60,7 +60,7 @@ class Before:
 
 
 @array_dataclass
-class _Carried:
+class CarriedPoints:
     """Points of the surface that one camera saw in a frame before."""
 
     share: float
@@ -87,93 +87,83 @@ class _Carried:
         return self._textures[smoothing_px]
 
 
-@array_dataclass
-class AppearanceObservation:
-    """The images of a frame, ready for terms."""
-
-    images: tuple[ImageView, ...]
-    mesh: PartMesh
-    step_m: float
-    """parts nearer together than this in depth show no edge between them"""
-    carried: tuple[_Carried, ...]
-
-
-def see_appearance(
+def carried_points(
     seen: Observation, model: ArticulatedModel, settings: TrackerSettings, before: Before | None
-) -> AppearanceObservation | None:
-    """Return what the frame's images show; None without images, or where neither edges nor intensity count."""
+) -> tuple[CarriedPoints, ...] | None:
+    """Return the points whose texture is looked for in a frame's images; None without images, or where neither edges nor intensity count."""
     by_edges, by_texture = settings.edges.weight > 0, settings.intensity.weight > 0
     if not seen.images or not (by_edges or (by_texture and before is not None)):
         return None
-    mesh = _looked_at(model)
-    carried: list[_Carried] = []
+    carried: list[CarriedPoints] = []
     if by_texture and before is not None:
         first, memory = before.first, settings.intensity.memory
         memory = 0.0 if first is None else memory
-        last = _carried(mesh, before, seen.images, 1.0 - memory)
+        last = _carried(model, before, seen.images, 1.0 - memory)
         if first is not None and memory > 0:
-            known = _carried(mesh, first, seen.images, memory)
+            known = _carried(model, first, seen.images, memory)
             last = [_agreeing(c, known, settings) for c in last]
             carried += known
         carried += last if memory < 1 else []
-    if not by_edges and not carried:
-        return None
-    step = _STEP * float(np.median(model.ellipsoids["fine"].radii.min(axis=1)))
-    return AppearanceObservation(seen.images, mesh, step, tuple(carried))
+    return tuple(carried) if by_edges or carried else None
 
 
 def appearance_terms(
-    seen: AppearanceObservation, settings: TrackerSettings, stage: int, start: BonePoses
+    model: ArticulatedModel,
+    images: Sequence[ImageView],
+    carried: Sequence[CarriedPoints],
+    settings: TrackerSettings,
+    stage: int,
+    start: BonePoses,
 ) -> list[ObservationTerm]:
     """Return edges and texture of one stage; what is visible, and which edges are near, is frozen at `start`."""
-    pictures = [depth_picture(seen.mesh, start, view.camera) for view in seen.images]
+    pictures = [depth_picture(_looked_at(model), start, view.camera) for view in images]
+    views = list(zip(images, pictures, strict=True))
     terms: list[ObservationTerm] = []
     if settings.edges.weight > 0:
-        terms.append(_edges(seen, settings, stage, start, pictures))
-    for carried in seen.carried:
-        terms.append(_texture(carried, seen, settings, stage, start, pictures))
+        terms.append(_edges(model, views, settings, stage, start))
+    for points in carried:
+        view = next(view for view in views if view[0].camera is points.camera)
+        terms.append(_texture(points, view, _step_m(model), settings, stage, start))
     return terms
 
 
 def _edges(
-    seen: AppearanceObservation,
+    model: ArticulatedModel,
+    views: Sequence[tuple[ImageView, DepthPicture]],
     settings: TrackerSettings,
     stage: int,
     start: BonePoses,
-    pictures: Sequence[DepthPicture],
 ) -> OutlineEdgesTerm:
     chosen = settings.edges
     search = at_stage(EDGE_SEARCH_PX, stage)
     sigma = max(search / _SIGMAS, chosen.sigma_px)
     found = []
-    for view, picture in zip(seen.images, pictures, strict=True):
-        outline = outline_points(seen.mesh, start, picture, seen.step_m)
+    for view, picture in views:
+        outline = outline_points(_looked_at(model), start, picture, _step_m(model))
         smoothing = max(_LEAST_SMOOTHING_PX, search / 8.0)
         image = smooth_image(view.pixels, smoothing, outline.pixel, search + 2.0)
         found.append(edges_near(outline, image, search))
     return OutlineEdgesTerm(
         found,
         sigma_px=sigma,
-        correlation_px=EDGE_CORRELATION_PX,
         weight=chosen.weight,
         from_unexplained=_compared(settings),
     )
 
 
 def _texture(
-    carried: _Carried,
-    seen: AppearanceObservation,
+    carried: CarriedPoints,
+    view: tuple[ImageView, DepthPicture],
+    step_m: float,
     settings: TrackerSettings,
     stage: int,
     start: BonePoses,
-    pictures: Sequence[DepthPicture],
 ) -> CarriedTextureTerm:
-    chosen = settings.intensity
+    chosen, (image, picture) = settings.intensity, view
     smoothing = at_stage(TEXTURE_SMOOTH_PX, stage)
-    i = next(i for i, view in enumerate(seen.images) if view.camera is carried.camera)
-    texture = still_visible(carried.texture(smoothing), start, pictures[i], seen.step_m)
+    texture = still_visible(carried.texture(smoothing), start, picture, step_m)
     at = carried.camera.project(start.to_world(texture.bone, texture.local))
-    now = smooth_image(seen.images[i].pixels, smoothing, at, 8.0 + 4.0 * smoothing)
+    now = smooth_image(image.pixels, smoothing, at, 8.0 + 4.0 * smoothing)
     share = min(1.0, (_SPACING_PX / max(TEXTURE_CORRELATION_PX, smoothing)) ** 2)
     return CarriedTextureTerm(
         [(exposed_as(texture, start, now), now)],
@@ -203,10 +193,10 @@ def at_stage(values: Sequence[float], stage: int) -> float:
 
 
 def _carried(
-    mesh: PartMesh, before: Before, images: Sequence[ImageView], share: float
-) -> list[_Carried]:
+    model: ArticulatedModel, before: Before, images: Sequence[ImageView], share: float
+) -> list[CarriedPoints]:
     """Return the surface points that each camera saw in an earlier frame, but not those next to the background."""
-    now = {view.camera.name: view.camera for view in images}
+    now, mesh = {view.camera.name: view.camera for view in images}, _looked_at(model)
     found = []
     for view in before.observation.images:
         if view.camera.name not in now:
@@ -221,11 +211,13 @@ def _carried(
         far = float(np.median(depth)) if len(depth) else 0.0
         spacing = _SPACING_PX * far / float(view.camera.matrix[0, 0])
         camera = now[view.camera.name]
-        found.append(_Carried(share, camera, view.pixels, *points, spacing))
+        found.append(CarriedPoints(share, camera, view.pixels, *points, spacing))
     return found
 
 
-def _agreeing(carried: _Carried, known: Sequence[_Carried], settings: TrackerSettings) -> _Carried:
+def _agreeing(
+    carried: CarriedPoints, known: Sequence[CarriedPoints], settings: TrackerSettings
+) -> CarriedPoints:
     """Return the points without those that the first frame showed in another colour.
 
     There the model was not on what it should be on: carried further, they would hold it where it slipped to.
@@ -242,6 +234,12 @@ def _agreeing(carried: _Carried, known: Sequence[_Carried], settings: TrackerSet
     )
 
 
+def _step_m(model: ArticulatedModel) -> float:
+    """Return how far apart in depth parts must be for an edge between them to show [m]."""
+    return _STEP * float(np.median(model.ellipsoids["fine"].radii.min(axis=1)))
+
+
+@lru_cache(maxsize=8)
 def _looked_at(model: ArticulatedModel) -> PartMesh:
     """Return the model's mesh without the far end of the forearm, where there may be a sleeve."""
     mesh = model_mesh(model)
