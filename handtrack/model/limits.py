@@ -78,8 +78,7 @@ def moving_limits(limits: Limits, transform: ParameterTransform) -> MovingLimits
 
     A joint parameter that nothing leads keeps its angle: what narrows with it stays as narrow as it is.
     """
-    joint, leader = np.nonzero(transform.matrix)
-    assert len(set(joint)) == len(joint), "a joint parameter may follow one solver parameter only"
+    joint, leader, ratio = transform.links
     lead = np.full(len(transform.matrix), -1)
     lead[joint] = leader
     which, other = limits.narrowed.T
@@ -92,7 +91,5 @@ def moving_limits(limits: Limits, transform: ParameterTransform) -> MovingLimits
     by, end = np.full(len(lead), -1), np.zeros(len(lead))
     by[which] = lead[other]
     end[which] = limits.narrow_at / transform.matrix[other, lead[other]]
-    ratio = transform.matrix[joint, leader][:, None]
-    first, last = (np.sort(ends[joint] / ratio, axis=1) for ends in (first, last))
-    leader = leader.copy()  # as `fixed` has it: compiled once
+    first, last = (np.sort(ends[joint] / ratio[:, None], axis=1) for ends in (first, last))
     return MovingLimits(leader, first, by[joint], end[joint], last)
