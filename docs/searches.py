@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from handtrack.tracking.frame.control import Fitter, Proposer, Round, Search
 from handtrack.tracking.hypotheses.mixture_search import FIRST_HYPOTHESES, NEXT_HYPOTHESES
-from handtrack.tracking.search.engine import Fitter, Proposer, Round, Search
 from handtrack.tracking.search.frame_solve import POOR_CLOUD
 from handtrack.tracking.search.global_search import (
     FIRST_POSE,

@@ -29,6 +29,6 @@ from .tracking.frame.result import FrameResult as FrameResult
 from .tracking.frame.result import Status as Status
 from .tracking.frame.result import TrackResult as TrackResult
 from .tracking.frame.settings import TrackerSettings as TrackerSettings
-from .tracking.state import TrackerState as TrackerState
+from .tracking.frame.state import TrackerState as TrackerState
 from .tracking.track import track as track
 from .tracking.tracker import Tracker as Tracker

@@ -47,13 +47,13 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status, Step, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.cloud_terms import agreement
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import refine_recording, track_recording
 from handtrack.tracking.size.person import FEWEST_BY_JOINTS, Subject, is_observed_around
-from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
 from handtrack.tracking.whole.refinement import CameraError

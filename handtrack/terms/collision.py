@@ -31,15 +31,15 @@ def contact(model: ArticulatedModel) -> CollisionTerm:
     return CollisionTerm.of(model, "fine", _SOFT_M, _SOFT_M)
 
 
-Collisions = tuple[tuple[Any, ...], Ints[K], Ints[K], float, float, float]
-"""ellipsoids' arrays, first and second of each pair, slack, σ and weight"""
+Collisions = tuple[tuple[Any, ...], Ints[K], Ints[K], float, float]
+"""ellipsoids' arrays, first and second of each pair, slack and σ"""
 _FIRM = 0.9
 """the share of each radius that does not give way; thighs are pressed flatter than wrists"""
 
 
 @array_dataclass
 class CollisionTerm(SurfaceTerm):
-    """½ weight Σ ((−d − slack)₊/σ)² over pairs of ellipsoids, d their signed distance.
+    """½ Σ ((−d − slack)₊/σ)² over pairs of ellipsoids, d their signed distance.
 
     Where two overlap, −d is how far one must move to be free of the other (the penetration depth); it has a row on both
     bones, along the shortest way out. Pairs that are apart cost nothing and are dismissed without computing d.
@@ -51,7 +51,6 @@ class CollisionTerm(SurfaceTerm):
     sigma_m: float = 0.01
     slack_m: float = 0.01
     """flesh gives way by this much before it counts"""
-    weight: float = 1.0
     name = "collision"
 
     def __post_init__(self) -> None:
@@ -88,8 +87,7 @@ class CollisionTerm(SurfaceTerm):
     def collisions(self) -> Collisions:
         """The same for compiled sums."""
         first, second = np.ascontiguousarray(np.asarray(self.pairs, np.int64).T)
-        numbers = float(self.slack_m), float(self.sigma_m), float(self.weight)
-        return self.ellipsoids.arrays, first, second, *numbers
+        return self.ellipsoids.arrays, first, second, float(self.slack_m), float(self.sigma_m)
 
 
 def colliding_pairs(

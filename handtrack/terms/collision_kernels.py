@@ -220,8 +220,8 @@ def overlaps(place, shape, reach, first, second, found):  # pragma: no cover - c
 
 @compiled_as_numpy
 def collision_sums(frames, collisions, sums):  # pragma: no cover - compiled
-    """Add the pairs' overlaps to sums; return ½ weight Σ r². collisions: as `CollisionTerm.collisions`."""
-    ellipsoids, first, second, slack, sigma, weight = collisions
+    """Add the pairs' overlaps to sums; return ½ Σ r². collisions: as `CollisionTerm.collisions`."""
+    ellipsoids, first, second, slack, sigma = collisions
     (bone, _, _, radii), reference = ellipsoids, frames.position[0]
     width, gradient, hessian = sums
     count = bone.shape[0]
@@ -261,8 +261,8 @@ def collision_sums(frames, collisions, sums):  # pragma: no cover - compiled
                 row[a] *= sign
         for a in range(2 * width):
             column = width * bone[i] + a if a < width else width * bone[j] + a - width
-            gradient[column] += weight * row[a] * residual
+            gradient[column] += row[a] * residual
             for b in range(2 * width):
                 other = width * bone[i] + b if b < width else width * bone[j] + b - width
-                hessian[column, other] += weight * row[a] * row[b]
-    return 0.5 * weight * cost
+                hessian[column, other] += row[a] * row[b]
+    return 0.5 * cost

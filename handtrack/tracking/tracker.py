@@ -20,13 +20,13 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import FrameTask, predict
 from handtrack.tracking.frame.result import FrameResult, Status, Step, unconfirmed
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.hypotheses.mixture import solve_mixture
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.lost_hand import with_hand_recovered
 from handtrack.tracking.search.policy import searches_everywhere
 from handtrack.tracking.size.person import Subject
-from handtrack.tracking.state import TrackerState
 from handtrack.tracking.whole.refinement import CameraError
 
 CONFIRMED_BY = 5
@@ -78,7 +78,7 @@ class Tracker:
     ) -> tuple[TrackerState, Step]:
         task = self._task(state, self._looked_at(state, observation), control)
         if self.settings.tracker.hypotheses > 1:
-            solved = solve_mixture(task, state.beliefs)
+            solved = solve_mixture(task)
         else:
             solved = solve_frame(task)
             if self.settings.tracker.recovery:
@@ -141,18 +141,7 @@ class Tracker:
             start = self.model.clipped(start)
         if expected is not None:
             expected[3:6] = closest_equivalent(expected[3:6], self.model.joint_params(start)[3:6])
-        texture = state.texture if self.settings.uses_images else None
-        return FrameTask(
-            self.model,
-            self.settings,
-            observation,
-            start,
-            state.results,
-            expected,
-            state.belief,
-            texture,
-            control,
-        )
+        return FrameTask(self.model, self.settings, observation, start, state, expected, control)
 
     def _expected(self, state: TrackerState, frame: int) -> Floats | None:
         """Return joint parameters (S,) where the hand is expected; None in a first frame."""

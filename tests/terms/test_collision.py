@@ -18,10 +18,10 @@ PAIR = np.array([[0, 1]])
 @pytest.mark.parametrize(("apart", "depth"), [(0.25, 0.0), (0.2, 0.0), (0.17, 0.03), (0.05, 0.15)])
 def test_two_balls(apart, depth):
     flesh, bones = parts_at([[0.1] * 3, [0.1] * 3], [[0, 0, 0], [0, apart, 0]])
-    term = CollisionTerm(flesh, PAIR, sigma_m=0.02, slack_m=0.01, weight=3.0)
+    term = CollisionTerm(flesh, PAIR, sigma_m=0.02, slack_m=0.01)
     assert term.depths(bones)[0] == pytest.approx(depth, abs=1e-12)
     over = max(depth - 0.01, 0.0) / 0.02
-    assert term.cost(bones) == pytest.approx(1.5 * over**2, abs=1e-12)
+    assert term.cost(bones) == pytest.approx(0.5 * over**2, abs=1e-12)
 
 
 def test_parts_that_lie_in_each_other_are_parted_sideways():

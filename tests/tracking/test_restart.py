@@ -17,14 +17,9 @@ from handtrack import (
 )
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Round, Search
 from handtrack.tracking.search import engine, lost_hand
-from handtrack.tracking.search.engine import (
-    Candidate,
-    Round,
-    Search,
-    improved,
-)
+from handtrack.tracking.search.engine import Candidate, improved
 from handtrack.tracking.search.global_search import GlobalObjective
 from handtrack.tracking.search.policy import why_hand_may_be_lost
 from tests.tracking.scenes import Told, joints_seen, off_mm, on_surface, posed
@@ -74,7 +69,7 @@ def searched_for(known, seen):
     _, result = Tracker(MODEL, JUMPS).step(
         TrackerState.resumed([known]), seen, Control(observer=told)
     )
-    return result, [report.situation for report in told]
+    return result, [report.search.situation for report in told]
 
 
 @pytest.mark.parametrize("spoil", [np.ones_like, lambda mask: 1 - mask], ids=["white", "inverted"])

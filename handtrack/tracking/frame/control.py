@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
@@ -26,30 +27,85 @@ Tried = list[tuple[int, tuple[Trial, ...]]]
 """of each round how many were proposed, and those fitted"""
 
 
+Proposer = Callable[[Any, Sequence[Any], int], list[Any]]
+"""(objective, candidates so far, how many at most; 0: all) → new candidates"""
+Fitter = Callable[[Any, Sequence[Any], int], list[Any]]
+"""(objective, candidates, iterations) → the candidates improved, with new costs; fewer when stopped"""
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of a search: who joins, how many are fitted, and how."""
+
+    propose: tuple[tuple[Proposer, int], ...] = ()
+    """functions, and how many candidates of each at most; 0: as many as there are"""
+    keep: int | None = None
+    """how many of the candidates so far stay beside the proposed; None: all"""
+    enter: int | None = None
+    """the best distinct ones that are fitted; None: all, in their order"""
+    fits: tuple[tuple[Fitter, int], ...] = ()
+    """functions, and the solver's iterations in each; 0: as many as it has by itself"""
+    adds: bool = False
+    """only what is newly proposed is fitted, and joins those that stand"""
+    times: int = 1
+    """how often it is made at most: again while the best cost falls, as the search counts it"""
+
+
+@dataclass(frozen=True)
+class Search:
+    """A policy: a situation and what is tried in it."""
+
+    situation: str
+    when: str
+    rounds: tuple[Round, ...]
+    measure: str
+    """by what finished candidates are compared, in words"""
+    factor: float = 1.0
+    margin: float = 0.0
+    """a pose is taken that costs less than factor · (the standing one's) − margin"""
+    repeats: int = 1
+    """how often it is searched on from a better pose"""
+    most: int = 1
+    """how many distinct poses are taken, the best first"""
+    again: str = ""
+    """how soon the search is made again if it found nothing, in words"""
+    taken: str = ""
+    """what is taken, in words, where it is not the best of those that are better than the standing pose"""
+    tried: str = ""
+    """what is tried, in words, where there are no rounds"""
+
+    def is_better(self, cost: float, standing: float) -> bool:
+        """Return whether a candidate of that cost is taken instead of the standing pose."""
+        return cost < self.factor * standing - self.margin
+
+    def why_taken(self, standing: float) -> str:
+        """Return in words why a candidate is taken instead of a standing pose of that cost."""
+        limit = self.factor * standing - self.margin
+        return (
+            self.taken or f"below {limit:.2f} ({self.factor:g} × {standing:.2f} − {self.margin:g})"
+        )
+
+
 @dataclass(frozen=True)
 class SearchReport:
     """What a search tried in a frame, and what came of it."""
 
+    search: Search
     frame: int
-    situation: str
     why: str
     """why it was made in this frame"""
-    measure: str
-    """by what finished candidates are compared, in words"""
     rounds: Tried
     standing: float
     """cost of the pose that stood; NaN without one"""
     winner: Trial | None
     """None: nothing was taken"""
-    taken: str
-    """why the winner is, in words"""
 
     def lines(self) -> Iterator[str]:
         """Yield the report in words: what was tried, what it cost, why the winner won."""
-        yield f"- {self.situation} ({self.why})"
+        yield f"- {self.search.situation} ({self.why})"
         stands = np.isfinite(self.standing)
         standing = f"standing pose: {self.standing:.2f}, by" if stands else "compared by"
-        yield f"  {standing} {self.measure}"
+        yield f"  {standing} {self.search.measure}"
         for number, (proposed, trials) in enumerate(self.rounds, start=1):
             yield f"  round {number}: {proposed} proposed, {len(trials)} fitted: {_grouped(trials)}"
         if self.winner is None:
@@ -57,7 +113,7 @@ class SearchReport:
             yield f"  nothing {nothing}"
             return
         origin, cost = self.winner
-        yield f"  taken: {origin} at {cost:.2f}, {self.taken}"
+        yield f"  taken: {origin} at {cost:.2f}, {self.search.why_taken(self.standing)}"
 
 
 class Observer:

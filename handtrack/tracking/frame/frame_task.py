@@ -25,7 +25,7 @@ from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, fr
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status, Step
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.terms.appearance_terms import Before
+from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.forearm import aimed_forearm
 
 _SPAN = 4  # frames; an older motion says nothing about the next one
@@ -64,14 +64,16 @@ class FrameTask:
     observation: Observation
     start: Floats[P]
     """where to begin, within limits"""
-    previous: tuple[FrameResult, ...] = ()
-    """results in the order of tracking; they tell what is usual. Empty: `start` is a first pose"""
+    state: TrackerState = TrackerState()
+    """what is known of the frames before. Of none: `start` is a first pose"""
     expected: Floats[S] | None = None
     """predicted joint parameters"""
-    belief: Floats[P, P] | None = None
-    """covariance of the pose before"""
-    texture: Before | None = None
     control: Control = Control()
+
+    @property
+    def previous(self) -> tuple[FrameResult, ...]:
+        """Results in the order of tracking; they tell what is usual."""
+        return self.state.results
 
     @property
     def ahead(self) -> int:
@@ -88,7 +90,7 @@ class FrameTask:
             bones,
             self.expected,
             self.ahead,
-            self.texture,
+            self.state.texture,
         )
         later = self.observation.later
         if not self.previous or self.expected is None or not any(later.values()):
@@ -140,7 +142,7 @@ class FrameTask:
         params, model = found.params.copy(), self.model
         sharp, known = exact or (problem, found.system)
         priors = Problem(model, (), sharp.parameter_terms).linearize(params)
-        sure = inheriting_uncertainty(sharp, params, known.hessian, self.belief)
+        sure = inheriting_uncertainty(sharp, params, known.hessian, self.state.belief)
         covariance, std, joints = uncertainty(model, params, sure, known.hessian - priors.hessian)
         energies, cost = problem.costs(params), found.system.cost
         result = replace(

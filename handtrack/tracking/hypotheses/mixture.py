@@ -104,22 +104,17 @@ def speed_of_change(model: ArticulatedModel, settings: TrackerSettings) -> Float
     return push / np.sqrt(max(strength, 1e-6))
 
 
-def solve_mixture(task: FrameTask, carried: Sequence[MotionBelief]) -> Step:
-    """Return a frame at the heaviest of the hypotheses that explain it, and all that are carried
-    on.
-
-    Parameters
-    ----------
-    carried
-        Motions of the last frame's alternatives; none in a first frame. Where nothing is seen they
-        stay as they are.
+def solve_mixture(task: FrameTask) -> Step:
+    """Return a frame at the heaviest of the hypotheses that explain it, and all that are carried on; where nothing is seen they stay as
+    they are.
     """
     params, terms = task.opened()
+    carried = task.state.beliefs
     chains = chains_of(task.model, task.settings.mixture.chains)
     known = task.previous[-1].alternatives if carried else ()
     if not terms.has_observations:
         held = tuple(replace(one, parent=n) for n, one in enumerate(known))
-        return _with_alternatives(task.unseen(), tuple(carried), held)
+        return _with_alternatives(task.unseen(), carried, held)
     components = [Source("start", terms.without_motion(), MIXTURE_DESCENTS)]
     if carried:
         most = max(MIXTURE_DESCENTS // len(carried), 2)
@@ -145,8 +140,9 @@ def _component(
     bones = task.model.bones(belief.mean)
     belief = belief.ahead(push, max(task.ahead, 1), goes_on)
     belief = replace(belief, mean=task.model.clipped(belief.mean))
-    texture = task.texture and replace(task.texture, bones=bones)
-    terms = replace(task, expected=None, texture=texture).terms(belief.mean)
+    texture = task.state.texture and replace(task.state.texture, bones=bones)
+    state = replace(task.state, texture=texture)
+    terms = replace(task, expected=None, state=state).terms(belief.mean)
     log = float(np.log(max(weight, WEIGHTLESS)))
     return Source("followed", terms, most, belief, number, log)
 

@@ -25,11 +25,12 @@ from handtrack.solver.covariance import covariance
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.constants import JUMP_SHARE, MERGE_DEG, MIXTURE_DESCENTS
+from handtrack.tracking.frame.control import Round, Search
 from handtrack.tracking.frame.descent import by_keypoints_alone, minima
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.motion_belief import MotionBelief, unknown_speed
-from handtrack.tracking.search.engine import Candidate, Round, Search
+from handtrack.tracking.search.engine import Candidate
 
 _COARSE = 10.0  # times sigma, of a first frame's joints: a wide basin
 _MEMORY_FRAMES = 10.0  # over about so many frames a belief remembers, so each counts this share of the static priors

@@ -7,7 +7,6 @@ docs/searches.py lists them all. An objective is one frame as a search sees it: 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import wraps
 from typing import Any, Protocol, TypeVar
 
@@ -16,7 +15,7 @@ import numpy as np
 from handtrack.arrays import D3, D21, Floats, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.parallel import in_parallel
-from handtrack.tracking.frame.control import Control, SearchReport, Tried
+from handtrack.tracking.frame.control import Control, Search, SearchReport, Tried
 from handtrack.tracking.frame.result import FrameResult, Step
 from handtrack.tracking.search.scores.hand_shapes import HandShape
 
@@ -69,12 +68,6 @@ class Objective(Protocol[C]):
         ...
 
 
-Proposer = Callable[[Any, Sequence[Any], int], list[Any]]
-"""(objective, candidates so far, how many at most; 0: all) → new candidates"""
-Fitter = Callable[[Any, Sequence[Any], int], list[Any]]
-"""(objective, candidates, iterations) → the candidates improved, with new costs; fewer when stopped"""
-
-
 def each(fit: Callable[[Any, C, int], C]) -> Callable[[Any, Sequence[C], int], list[C]]:
     """Return a fitter of one candidate after the other, on all cores, until it is stopped."""
 
@@ -85,52 +78,6 @@ def each(fit: Callable[[Any, C, int], C]) -> Callable[[Any, Sequence[C], int], l
         return [c for c in found if c is not None]
 
     return fitted
-
-
-@dataclass(frozen=True)
-class Round:
-    """One round of a search: who joins, how many are fitted, and how."""
-
-    propose: tuple[tuple[Proposer, int], ...] = ()
-    """functions, and how many candidates of each at most; 0: as many as there are"""
-    keep: int | None = None
-    """how many of the candidates so far stay beside the proposed; None: all"""
-    enter: int | None = None
-    """the best distinct ones that are fitted; None: all, in their order"""
-    fits: tuple[tuple[Fitter, int], ...] = ()
-    """functions, and the solver's iterations in each; 0: as many as it has by itself"""
-    adds: bool = False
-    """only what is newly proposed is fitted, and joins those that stand"""
-    times: int = 1
-    """how often it is made at most: again while the best cost falls, as the search counts it"""
-
-
-@dataclass(frozen=True)
-class Search:
-    """A policy: a situation and what is tried in it."""
-
-    situation: str
-    when: str
-    rounds: tuple[Round, ...]
-    measure: str
-    """by what finished candidates are compared, in words"""
-    factor: float = 1.0
-    margin: float = 0.0
-    """a pose is taken that costs less than factor · (the standing one's) − margin"""
-    repeats: int = 1
-    """how often it is searched on from a better pose"""
-    most: int = 1
-    """how many distinct poses are taken, the best first"""
-    again: str = ""
-    """how soon the search is made again if it found nothing, in words"""
-    taken: str = ""
-    """what is taken, in words, where it is not the best of those that are better than the standing pose"""
-    tried: str = ""
-    """what is tried, in words, where there are no rounds"""
-
-    def is_better(self, cost: float, standing: float) -> bool:
-        """Return whether a candidate of that cost is taken instead of the standing pose."""
-        return cost < self.factor * standing - self.margin
 
 
 def run_rounds(
@@ -218,10 +165,4 @@ def report(
 ) -> None:
     """Report a search that was made."""
     best = None if winner is None else (winner.origin, winner.cost)
-    limit = search.factor * standing - search.margin
-    taken = (
-        search.taken
-        or f"below {limit:.2f} ({search.factor:g} × {standing:.2f} − {search.margin:g})"
-    )
-    found = SearchReport(frame, search.situation, why, search.measure, tried, standing, best, taken)
-    control.observer.search(found)
+    control.observer.search(SearchReport(search, frame, why, tried, standing, best))

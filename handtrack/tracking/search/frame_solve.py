@@ -19,15 +19,16 @@ from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.levenberg_marquardt import SolveSummary, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import DOUBTFUL_CLOUD
-from handtrack.tracking.frame.control import Tried
+from handtrack.tracking.frame.control import Search, Tried
 from handtrack.tracking.frame.descent import LAST_GAIN, descend, stage_problem
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status, Step
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement
-from handtrack.tracking.search.engine import Candidate, Search, report
+from handtrack.tracking.search.engine import Candidate, report
 from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.search.lost_finger import finger_search, with_fingers_recovered
 
@@ -149,11 +150,9 @@ def solve_doubted(
         where this descent ends.
     """
     model, kind, last = task.model, task.settings.model.fallback, task.previous[-1:]
-    cautious = replace(
-        task, settings=poor_cloud_settings(task.settings), texture=None, previous=last
-    )
-    if last and last[0].status == Status.LOST:
-        cautious = replace(cautious, belief=None)
+    lost = bool(last) and last[0].status == Status.LOST
+    state = TrackerState(results=last, belief=None if lost else task.state.belief)
+    cautious = replace(task, settings=poor_cloud_settings(task.settings), state=state)
     if kind == "auto":
         start = model.solver_params(last[0].parameters) if last else params
         solved, origin = solve_frame(_started(cautious, start)), "depths doubted"
@@ -189,13 +188,14 @@ def _simpler(
     shown, transform = task.control.on_iteration, task.model.transform
     joint = few.joint_params(start)
     previous = tuple(replace(result, parameters=joint) for result in task.previous)
+    state = replace(task.state, results=previous)
 
     def watch(number: int, k: int, x: Floats, cost: float) -> None:
         if shown is not None:
             shown(number, k, transform.solver_params(whole(x)), cost)
 
     control = replace(task.control, on_iteration=watch)
-    return replace(task, model=few, previous=previous, control=control)
+    return replace(task, model=few, state=state, control=control)
 
 
 def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:

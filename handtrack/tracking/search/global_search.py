@@ -26,11 +26,11 @@ from handtrack.sampling.interpretation_tree import chain_flips
 from handtrack.sampling.suppression import apart, apart_joints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Round, Search
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
-from handtrack.tracking.search.engine import Candidate, Round, Search, each
+from handtrack.tracking.search.engine import Candidate, each
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.policy import UNSEEN_EVERY
 from handtrack.tracking.search.scores.cloud_score import CloudScore, cloud_score

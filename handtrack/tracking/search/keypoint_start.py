@@ -21,9 +21,9 @@ from handtrack.sampling.interpretation_tree import chain_flips
 from handtrack.sampling.polish import polish
 from handtrack.sampling.suppression import distinct
 from handtrack.terms.loss import geman_mcclure
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Round, Search
 from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
-from handtrack.tracking.search.engine import Candidate, Round, Search, run_rounds
+from handtrack.tracking.search.engine import Candidate, run_rounds
 from handtrack.tracking.search.initialize import FEWEST
 from handtrack.tracking.search.start_confidence import model_length
 

@@ -14,12 +14,12 @@ from handtrack.parallel import in_parallel
 from handtrack.sampling.suppression import apart
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import SEARCH_EVERY
-from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.control import Control, Round, Search
 from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.engine import Candidate, Round, Search, each, improved
+from handtrack.tracking.search.engine import Candidate, each, improved
 from handtrack.tracking.search.policy import (
     SUSPICIOUS_FRAMES,
     SUSPICIOUS_RATIO,
