@@ -23,7 +23,7 @@ from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.keypoint_kernels import place, pose
 from handtrack.sampling.keypoint_problem import keypoint_problem
-from handtrack.simulation.scenes.jump_scene import JumpScene, full_scene
+from handtrack.simulation.scenes.jump_scene import JumpScene, body_priors, full_scene
 from handtrack.terms.priors.priors import GaussianPrior
 
 LIMBS, LENGTH_M = 5, 0.25
@@ -334,7 +334,7 @@ def _dense(
     deviations]; and their derivatives.
     """
     problem, rows, means = keypoint_problem(scene.model, [scene.observed]), [], []
-    for prior in scene.priors:
+    for prior in body_priors(scene.model):
         assert isinstance(prior, GaussianPrior)
         known = np.flatnonzero(np.isfinite(prior.sigma))
         rows.append(np.eye(len(prior.sigma))[known] / prior.sigma[known, None])

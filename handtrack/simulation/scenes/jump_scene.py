@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -51,14 +50,9 @@ class JumpScene:
     covariance: Floats[P, P]
     """there"""
 
-    @cached_property
-    def priors(self) -> list[ParameterTerm]:
-        """What is known of a pose beforehand."""
-        return pose_priors(self.model, points_rest(self.model), 0.0)
-
     def polished(self, starts: Floats[N, P]) -> Polished:
         """Return the minima that descent reaches from starts."""
-        return polish(self.model, starts, [self.observed], self.priors)
+        return polish(self.model, starts, [self.observed], body_priors(self.model))
 
     @property
     def targets(self) -> Floats[J, D2]:
@@ -73,6 +67,11 @@ class JumpScene:
         return interpretation_tree(
             self.model, self.start, chains, self.observed.camera, self.targets
         )
+
+
+def body_priors(model: ArticulatedModel) -> list[ParameterTerm]:
+    """Return what is known of a pose beforehand."""
+    return pose_priors(model, points_rest(model), 0.0)
 
 
 @lru_cache(maxsize=4)
@@ -153,12 +152,9 @@ def jump_scene(seed: int) -> JumpScene:
     points = model.joint_positions(model.bones(truth))[chosen]
     pixels = camera.project(points) + NOISE_PX * rng.normal(size=(len(names), 2))
     seen = ImageKeypoints(camera, names, pixels, 1.0)
-    empty = np.zeros((len(truth), len(truth)))
-    scene = JumpScene(model, seen, truth, empty)
-    found = scene.polished(truth[None])
+    found = polish(model, truth[None], [seen], body_priors(model))
     assert found.is_minimum[0], "descent from the truth ended in no minimum"
-    spread, _ = covariance(found.normal[0])
-    return replace(scene, start=found.params[0], covariance=spread)
+    return JumpScene(model, seen, found.params[0], covariance(found.normal[0])[0])
 
 
 def full_scene() -> JumpScene:
