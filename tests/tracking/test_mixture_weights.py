@@ -1,7 +1,6 @@
 """How hypotheses are weighed: Laplace's mass against known ones, of those that follow and jump; and the belief that each carries, by hand."""
 
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,8 +28,6 @@ from tests.tracking.scenes import Told
 BALL, HAND = load_model("ball6"), load_model()
 NOTHING = Observation(0, 0.0)
 SPIN, FACING = 5, 4  # the root's turn about z, and about y
-STIFF = [SimpleNamespace(name="none", joints=(), parameters=())]
-"""no chain that could jump"""
 
 
 @pytest.fixture(autouse=True)
@@ -54,7 +51,7 @@ def component(mean, covariance, terms, weight=1.0, number=0):
 
 def carried_on(components, **values):
     task = BALL, settings(**values), NOTHING, np.zeros(6)
-    return searched(MixtureObjective(*task, chains=STIFF, components=components))[1]
+    return searched(MixtureObjective(*task, components=components))[1]
 
 
 def turned(angle):
@@ -97,10 +94,10 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     unseen = np.full((len(HAND.joint_names), 2), np.nan)
     look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
     monkeypatch.setattr(mixture_search, "JUMP_SHARE", share)
-    chosen = settings(**{"mixture.draws": 4})
+    chosen = settings(**{"mixture.draws": 4, "mixture.chains": ("index",)})
     told = Told()
     last = component(mean, np.diag(variance), terms)
-    task = {"control": Control(observer=told), "chains": [chain], "components": [last]}
+    task = {"control": Control(observer=told), "components": [last]}
     _, found = searched(MixtureObjective(HAND, chosen, look, mean, **task))
     weights = {h.origin: h.weight for h in found}
     (report,) = told
@@ -122,13 +119,12 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
     pixels = camera.project(HAND.joint_positions(HAND.bones(rest)))
     seen = ImageKeypoints(camera, HAND.joint_names, pixels, 1.0)
     look = Observation(3, 0.0, keypoints=(seen,))
-    two = [chain for chain in chains_of(HAND) if chain.name in ("index", "ring")]
     last = component(rest, 1e-4 * np.eye(26), frame(HAND))
 
     def log_priors(votes):
         monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
-        chosen = settings(**{"mixture.draws": 16})
-        following = MixtureObjective(HAND, chosen, look, rest, chains=two, components=[last])
+        chosen = settings(**{"mixture.draws": 16, "mixture.chains": ("index", "ring")})
+        following = MixtureObjective(HAND, chosen, look, rest, components=[last])
         return {c.origin: c.source.log_prior for c in following.kinematic_jumps([], 0)}
 
     even, uneven = log_priors([0.5, 0.5]), log_priors([0.2, 0.8])
@@ -177,7 +173,7 @@ def test_of_a_first_frame_costs_alone_decide():
     terms = frame(BALL, Wells((well(0.2, 1.0, 0.1), well(1.4, 2.0, 0.5), well(-1.5, 2.5, 0.1))))
     told = Told()
     first = [Source("start", terms, 12)]
-    task = {"control": Control(observer=told), "chains": STIFF, "components": first}
+    task = {"control": Control(observer=told), "components": first}
     _, found = searched(MixtureObjective(BALL, settings(), NOTHING, np.zeros(6), **task))
     assert_allclose([h.parameters[FACING] for h in found], [0.2, 1.4, -1.5], atol=1e-3)
     weights = np.exp([-1.0, -2.0, -2.5])

@@ -11,7 +11,6 @@ import numpy as np
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.sampling.chains import chains_of
 from handtrack.sampling.suppression import apart_joints
 from handtrack.solver.covariance import covariance
 from handtrack.solver.levenberg_marquardt import SolveSummary
@@ -110,7 +109,6 @@ def solve_mixture(task: FrameTask) -> Step:
     """
     params, terms = task.opened()
     carried = task.state.beliefs
-    chains = chains_of(task.model, task.settings.mixture.chains)
     known = task.previous[-1].alternatives if carried else ()
     if not terms.has_observations:
         held = tuple(replace(one, parent=n) for n, one in enumerate(known))
@@ -122,7 +120,7 @@ def solve_mixture(task: FrameTask) -> Step:
             _component(task, belief, one.weight, most, n)
             for n, (belief, one) in enumerate(zip(carried, known, strict=True))
         ]
-    about = vars(task) | {"start": params, "chains": chains, "components": components}
+    about = vars(task) | {"start": params, "components": components}
     beliefs, alternatives = searched(MixtureObjective(**about))
     best, terms = beliefs[0].mean, components[alternatives[0].parent].terms
     problem = stage_problem(terms, best)

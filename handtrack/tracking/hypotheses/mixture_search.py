@@ -17,7 +17,7 @@ from handtrack.arrays import D2, Floats, Ints, J, K, N, P, array_dataclass, indi
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent, rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.sampling.chains import Chain, chain_votes
+from handtrack.sampling.chains import Chain, chain_votes, chains_of
 from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.suppression import distinct
@@ -81,8 +81,6 @@ class MixtureObjective(FrameTask):
     over the chain. Leaves are optimised under the temporal prior of a jump, which is flat in the parameters of the chain that jumped.
     """
 
-    chains: Sequence[Chain] = ()
-    """along which poses are flipped"""
     components: Sequence[Source] = ()
     """hypotheses of the last frame; of a first frame one without a belief"""
 
@@ -90,6 +88,11 @@ class MixtureObjective(FrameTask):
     def is_first(self) -> bool:
         """Whether no frame came before."""
         return self.components[0].belief is None
+
+    @property
+    def chains(self) -> Sequence[Chain]:
+        """Along which poses are flipped."""
+        return chains_of(self.model, self.settings.mixture.chains)
 
     @cached_property
     def rng(self) -> np.random.Generator:
@@ -174,7 +177,7 @@ class MixtureObjective(FrameTask):
 
     def interpretation_trees_of_best(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the interpretation trees of the best minima, and samples around these minima."""
-        if self.reference is None or not self.chains:
+        if not self.chains or self.reference is None:
             return []
         mixture, starts = self.settings.mixture, list[Floats]()
         latest = [c for c in found if c.source is found[-1].source]

@@ -214,7 +214,6 @@ class ChosenFrames:
 class _Swept:
     """What all frames say at their poses, and of what they share."""
 
-    model: ArticulatedModel
     poses: Floats[F, P]
     shared: Shared
     frames_per_sample: Floats[K]
@@ -224,7 +223,8 @@ class _Swept:
     @cached_property
     def bounds(self) -> Floats[F, P, D2]:
         """Between which the poses may be."""
-        return np.array([self.model.bounds(pose) for pose in self.poses])
+        model = self.shared.person.parameters.model
+        return np.array([model.bounds(pose) for pose in self.poses])
 
     @property
     def costs(self) -> Floats[F]:
@@ -299,7 +299,7 @@ def estimate_whole(
             for n, system in zip(some, in_parallel(linearized, some), strict=True):
                 systems.put(n, *system)
             report((sweep + (first + len(some)) / len(order)) / (sweeps + 1))
-        return _Swept(model, poses, shared, frames_per_sample, systems)
+        return _Swept(poses, shared, frames_per_sample, systems)
 
     best = swept(_within(model, poses))
     for sweep in range(1, sweeps + 1):
