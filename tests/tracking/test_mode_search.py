@@ -12,6 +12,7 @@ from handtrack.model.pose_changes import changes
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
+from handtrack.tracking.frame.confidence import ELSEWHERE
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.whole.alternatives import with_alternatives
@@ -39,19 +40,20 @@ def test_probabilities_are_those_of_all_ways_together(rng, share):
     ]  # fmt: skip
     trellis = Trellis(rows, CHANGE, share)
 
-    def log_mass(way):
+    def log_mass(way, joined):
         chosen = [row[k] for row, k in zip(rows, way, strict=True)]
         spreads = [np.linalg.inv(share * m.system.hessian + np.linalg.inv(CHANGE)) for m in chosen]
         total = sum(-share * m.system.cost + 0.5 * np.linalg.slogdet(c)[1] for m, c in zip(chosen, spreads, strict=True))  # fmt: skip
         for n in range(len(chosen) - 1):
             step = changes(np.array([chosen[n].pose, chosen[n + 1].pose]))[0]
             wide = CHANGE + spreads[n] + spreads[n + 1]
-            total -= 0.5 * step @ np.linalg.solve(wide, step) + 0.5 * np.linalg.slogdet(wide)[1]
+            off = 0.5 * step @ np.linalg.solve(wide, step) + 0.5 * np.linalg.slogdet(wide)[1]
+            total -= joined * off
         return total
 
     ways = list(product(*map(range, counts)))
-    mass = np.exp([log_mass(way) for way in ways])
-    assert tuple(trellis.best) == ways[int(mass.argmax())]
+    assert tuple(trellis.best) == max(ways, key=lambda way: log_mass(way, 1.0))
+    mass = np.exp([log_mass(way, share) for way in ways])
     for n, found in enumerate(trellis.probabilities):
         there = [mass[[way[n] == k for way in ways]].sum() for k in range(counts[n])]
         assert_allclose(found, np.array(there) / mass.sum(), rtol=1e-6)
@@ -106,7 +108,8 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     rows = [[_at(pose, 5.0, sure)] + [_at(x, 5.5, sure) for x in others] for others in ((), (near,), (far,))]  # fmt: skip
     known = np.tile(1e-6 * np.eye(3), (len(HAND.joint_names), 1, 1))
     result = posed_result(HAND, Observation(0, 0.0), pose)
-    results = [replace(result, joint_covariance=known, p_off_10mm=np.zeros(6))] * 3
+    told = {"p_off_25mm": 0.1, "p_off_10mm": np.full(6, 0.02)}
+    results = [replace(result, joint_covariance=known, **told)] * 3
     alone, two, apart = with_alternatives(HAND, results, Trellis(rows, 100.0 * np.eye(26), 1.0))
     assert [len(r.alternatives) for r in (alone, two, apart)] == [0, 2, 2]
     assert alone.status == two.status == Status.TRACKED
@@ -115,7 +118,11 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     assert other.weight == pytest.approx(np.exp(-0.5) / (1 + np.exp(-0.5)), abs=0.01)
     assert apart.status == Status.DOUBTFUL
     assert apart.reason.part == "index tip"
-    assert_allclose(apart.p_off_10mm, other.weight * (np.arange(6) == 2))
+    assert alone.p_off_25mm == 0.1
+    assert two.p_off_25mm == pytest.approx(0.1)
+    odds = (999.0 * other.weight / held.weight) ** ELSEWHERE / 49.0
+    assert apart.p_off_25mm > 0.2
+    assert_allclose(apart.p_off_10mm, np.where(np.arange(6) == 2, odds / (1.0 + odds), 0.02))
     tip, wrist = HAND.joint_names.index("index_tip"), HAND.joint_names.index("wrist")
     off = HAND.joint_positions(HAND.bones(far))[tip] - apart.joint_positions[tip]
     added = other.weight * np.outer(off, off)

@@ -361,15 +361,18 @@ CLOUD = Calibration(0.7, 0.3, 1.4, 1.45, 0.56, 0.7)
 BODY = Calibration(1.7, 0.0, 8.0, 0.0, 0.0, 0.0)
 """by joints that a detector sees, which are a skeleton's of its own: `handtrack bench honesty_bodies`, one to three cameras"""
 
-MISSED = 4.0
+MISSED = 5.0
 """what a wrong frame costs that nobody looks at, where a look costs 1: a look pays above a probability of 1 / MISSED. The least whole
-number by which four of five wrong frames of `tune` were named; nine of ten are, since fewer are wrong, seven of ten of hands never seen"""
-ALWAYS = -4.67
-SIGNS = {"curled": 2.39, "moved": 0.71, "open": 0.84}
-"""logarithm of the odds of a gross error: ALWAYS where no sign tells of one, and what each adds times its size; none subtracts"""
-MOVED_UNKNOWN = 0.6
-"""the sign `moved` of a live frame, which the frames after have yet to move: its mean over frames of that half"""
-PART = (-3.46, 2.17)
+number by which four of five wrong frames of `tune` were named by figures that were fitted to other recordings"""
+ALWAYS = -4.86
+SIGNS = {"moved": 0.77, "open": 0.89}
+"""logarithm of the odds of a gross error: ALWAYS where no sign tells of one, and what each adds times its size; none subtracts. Closed
+fingers were a sign before other paths were: beside these they tell nothing more"""
+ELSEWHERE = 0.15
+"""what the odds of other paths, in units of one in a thousand, add to the logarithm of the odds of being off (`with_paths`)"""
+MOVED_UNKNOWN = 0.64
+"""the sign `moved` of a live frame, which the frames after have yet to move: its mean over frames of both halves"""
+PART = (-4.11, 2.28)
 """logarithm of the odds that a part is 10 mm off: always, and times the logarithm of its least sure joint's stated standard deviation in
 units of 3 mm. How far later frames moved the part, or all of it, adds nothing"""
 
@@ -462,6 +465,7 @@ def _along_fingers(model: ArticulatedModel) -> Array:
 
 FRAME_OFF_M = 0.025
 _OPEN_M, _CLOSED, _MOVED_M = 0.003, 0.1, 0.005
+_RARE, _NEVER = 1e-3, 1e-9
 BODY_OFF_M = BODY_BY_HAND * FRAME_OFF_M
 _CERTAIN = 40.0  # of half a χ²: a tail beyond it is nothing
 
@@ -476,8 +480,7 @@ def failure_probabilities(
     joint_covariance
         calibrated [m²]
     signs
-        by the names of SIGNS, each 0 where nothing tells of an error: `curled`, how far the fingers are closed, 0 … 1, on average, those
-        whose joints no two cameras confirm; `moved_sign`; `open_sign`, if the model were the hand
+        by the names of SIGNS, each 0 where nothing tells of an error: `moved_sign`; `open_sign`, if the model were the hand
 
     Returns
     -------
@@ -506,6 +509,22 @@ def open_sign(joint_covariance: Floats[J, D3, D3]) -> float:
     return float(np.log(max(spread_m(joint_covariance).max() / _OPEN_M, 1.0)))
 
 
+def with_paths(off: Floats[K], elsewhere: Floats[K]) -> Floats[K]:
+    """Return probabilities of being off once other paths through the recording are known.
+
+    Parameters
+    ----------
+    elsewhere
+        How probable those paths are by which each is off.
+
+    Notes
+    -----
+    One sign of many: most modes are wrong by what made the frame's own pose wrong, so that it is seldom one of them that is right.
+    """
+    sign = _odds(np.maximum(elsewhere, _RARE)) - _odds(np.array(_RARE))
+    return _logistic(_odds(off) + ELSEWHERE * sign)
+
+
 def part_of(joint: str) -> str:
     """Return which of PARTS a joint belongs to: palm, or its finger beyond the base."""
     finger, _, place = joint.partition("_")
@@ -514,6 +533,12 @@ def part_of(joint: str) -> str:
         if (finger in FINGERS and place not in ("cmc", "mcp")) or joint == "thumb_mcp"
         else "palm"
     )
+
+
+def _odds(probability: Floats[*Axes]) -> Floats[*Axes]:
+    """Return the logarithm of the odds."""
+    known = np.clip(probability, _NEVER, 1.0 - _NEVER)
+    return np.log(known / (1.0 - known))
 
 
 def _logistic(odds: Floats[*Axes]) -> Floats[*Axes]:
@@ -595,11 +620,7 @@ def frame_confidence(
     off = None
     if model.has_keypoints21:
         moved = MOVED_UNKNOWN if moved_m is None else moved_sign(moved_m)
-        signs = {
-            "curled": float(hidden.mean()),
-            "moved": moved,
-            "open": open_sign(result.joint_covariance),
-        }
+        signs = {"moved": moved, "open": open_sign(result.joint_covariance)}
         off = failure_probabilities(model, reported, signs)
     if status == Status.TRACKED:
         odd, most = odd_size(model), terms.settings.tracker.doubtful_mm

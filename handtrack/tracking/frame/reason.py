@@ -74,7 +74,6 @@ class Reason:
 
 SIGNS = {
     "open": "the observations do not constrain it",
-    "curled": "closed fingers occlude each other",
     "moved": "later frames moved it",
 }
 """why a pose may be wrong, in words: the sign stands in the place of a camera's name"""

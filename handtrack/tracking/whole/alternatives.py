@@ -12,7 +12,7 @@ from handtrack.arrays import Array, Floats, Ints, K, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.suppression import apart
 from handtrack.tracking.frame import confidence
-from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, part_of
+from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, part_of, with_paths
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import PARTS, Alternative, FrameResult, Status
@@ -120,17 +120,17 @@ def _doubted(
 
     is_body = model.kind == "body"
     off_frame = elsewhere(np.ones(far_m.shape[1], bool), BODY_OFF_M if is_body else FRAME_OFF_M)
-    before = 0.0 if is_body or np.isnan(result.p_off_25mm) else result.p_off_25mm
-    off_25 = 1.0 - (1.0 - result.p_off_25mm) * (1.0 - off_frame)
-    off_10 = result.p_off_10mm
-    if off_10 is not None:
+    off_25, off_10 = result.p_off_25mm, result.p_off_10mm
+    if is_body:
+        off_25 = 1.0 - (1.0 - off_25) * (1.0 - off_frame)
+    elif off_10 is not None:
         part = np.array([part_of(name) for name in model.joint_names])
-        off_part = np.array([elsewhere(part == one, APART_M) for one in PARTS])
-        off_10 = 1.0 - (1.0 - off_10) * (1.0 - off_part)
+        other = [off_frame, *(elsewhere(part == one, APART_M) for one in PARTS)]
+        off_25, *off_10 = with_paths(np.array([off_25, *off_10]), np.array(other)).tolist()
+        off_10 = np.array(off_10)
     result = replace(result, joint_covariance=covariance, p_off_25mm=off_25, p_off_10mm=off_10)
-    if result.status != Status.TRACKED or not off_frame:
-        return result
-    if 1.0 - (1.0 - before) * (1.0 - off_frame) <= 1.0 / confidence.MISSED:
+    told = off_frame if is_body or np.isnan(off_25) else off_25
+    if result.status != Status.TRACKED or not off_frame or told * confidence.MISSED <= 1.0:
         return result
     hypothesis, joint = np.unravel_index(int((weight * far_m).argmax()), far_m.shape)
     name = model.joint_names[joint].replace("_", " ")

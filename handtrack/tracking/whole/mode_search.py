@@ -78,8 +78,12 @@ class Trellis:
 
     @property
     def probabilities(self) -> list[Floats[K]]:
-        """How probable each frame's minima are, by all frames: over all paths through them (forward–backward)."""
+        """How probable each frame's minima are, by all frames: over all paths through them (forward–backward).
+
+        How frames follow one another counts by η, too: what is wrong for one mode moves it alike in frame after frame.
+        """
         (first, *masses), joins = self._weights
+        joins = [self.share * joined for joined in joins]
         ahead: list[Floats[K]] = [first]
         behind: list[Floats[K]] = [np.zeros(len(self.minima[-1]))]
         for mass, joined in zip(masses, joins, strict=True):

@@ -2,8 +2,8 @@
 
 RECORDINGS: what `python -m tests.experiments.honesty.recordings` wrote. TRACKS: gets what was tracked of each, with all that a judgement
 goes by; what is there already is not tracked again. HALF: of which. Prints the numbers for
-`handtrack/tracking/frame/confidence.py`, fitted to `tune` and `seen`, what they say of each half and of recordings they were not fitted to,
-beside those that are there now; with --json nothing but the last. `tune/two_videos`, README's session with the sample's truth beside it,
+`handtrack/tracking/frame/confidence.py`, fitted to `tune` and `seen`, what they say of recordings they were not fitted to, and what those
+that are there now say of each half; with --json nothing but the last. `tune/two_videos`, README's session with the sample's truth beside it,
 has a real detector's joints; it counts as much as all made ones where regions are fitted, and for nothing else.
 """
 
@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import expit, logit
 
 from handtrack import Session, Status, TrackingRun
-from handtrack.arrays import Array, F, Floats, N
+from handtrack.arrays import Array, F, Floats, K, N
 from handtrack.diagnostics.metrics import WRONG_M, without_offsets
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
@@ -78,8 +79,8 @@ class Judged:
     """`moved_sign`"""
     stated: Floats
     """(21, 3, 3) [m²]"""
-    probability: float
-    """that the frame is wrong, before other ways through the recording counted"""
+    said: Floats
+    """(7,) that the frame is wrong, and its parts, before other paths through the recording counted"""
 
 
 def tracked(session: Path) -> dict[str, Any]:
@@ -99,7 +100,7 @@ def tracked(session: Path) -> dict[str, Any]:
         previous, moved_m = given[2:]
         frames[previous[-1].frame + 1 if previous else 0] = Judged(
             model, curled, covariance[rows], misfit, "JOINTS" if seen is confidence.JOINTS else "MASKS", moved_sign(moved_m), found.joint_covariance[rows],
-            found.p_off_25mm,
+            np.append(found.p_off_25mm, found.p_off_10mm),
         )  # fmt: skip
         return found
 
@@ -120,7 +121,6 @@ def tracked(session: Path) -> dict[str, Any]:
 def signs_of(one: Judged) -> dict[str, float]:
     """Return the signs that a frame was judged by."""
     return {
-        "curled": float(one.curled.mean()),
         "moved": one.moved,
         "open": open_sign(one.covariance),
     }
@@ -137,14 +137,14 @@ class Half:
     """(F, 21, 3) [m], beside constant offsets"""
     added: Floats
     """(F, 21, 3, 3) what other ways through the recording add to what is stated [m²]"""
-    elsewhere: Floats[F]
-    """how probable those ways are in which the frame is wrong"""
+    elsewhere: Floats[F, K]
+    """how far the odds of other paths are above one in a thousand, a logarithm, of a frame and its parts"""
 
     @classmethod
     def read(cls, *folders: Path) -> Half:
         """Return what was tracked of a half, or of several."""
         frames: list[Judged | None] = []
-        names, off, added, elsewhere = [], [], [], []
+        names, off, added, odds = [], [], [], []
         for path in (path for folder in folders for path in sorted(folder.glob("*.pickle"))):
             one = pickle.loads(path.read_bytes())
             track = one["track"]
@@ -154,13 +154,12 @@ class Half:
                 names.append(path.stem)
                 known = one["frames"].get(frame) if track.status[n] != Status.LOST else None
                 frames.append(known)
-                added.append(
-                    0.0 if known is None else track.joint_covariance[n, rows] - known.stated
-                )
-                rest = 1.0 if known is None else 1.0 - track.p_off_25mm[n]
-                elsewhere.append(0.0 if known is None else 1.0 - rest / (1.0 - known.probability + 1e-12))  # fmt: skip
-        added = [np.zeros((21, 3, 3)) + one for one in added]
-        return cls(np.array(names), frames, np.concatenate(off), np.array(added), np.clip(elsewhere, 0.0, 1.0))  # fmt: skip
+                stated = track.joint_covariance[n, rows]
+                added.append(0 * stated if known is None else stated - known.stated)
+                said = logit(np.append(track.p_off_25mm[n], track.p_off_10mm[n]))
+                odds.append(0 * said if known is None else said - logit(known.said))
+        elsewhere = np.nan_to_num(odds) / confidence.ELSEWHERE
+        return cls(np.array(names), frames, np.concatenate(off), np.array(added), elsewhere)
 
     def of(self, rows: Array[F]) -> Half:
         """Return some of its frames."""
@@ -195,13 +194,13 @@ class Half:
 
     def said(self) -> tuple[Floats[F], Floats]:
         """Return how probably each frame is wrong, and each part (F, 6), by the figures as they are."""
-        frames, parts = np.ones(len(self.frames)), np.ones((len(self.frames), len(PARTS)))
+        said = np.ones((len(self.frames), 1 + len(PARTS)))
         for n, (one, stated) in enumerate(zip(self.frames, self.covariance(), strict=True)):
             if one is not None:
-                found = failure_probabilities(one.model, stated, signs_of(one))  # pyright: ignore[reportArgumentType]
-                frames[n] = 1.0 - (1.0 - found[0]) * (1.0 - self.elsewhere[n])
-                parts[n] = found[1]
-        return frames, parts
+                off, parts, _ = failure_probabilities(one.model, stated, signs_of(one))  # pyright: ignore[reportArgumentType]
+                odds = logit(np.append(off, parts))
+                said[n] = expit(odds + confidence.ELSEWHERE * self.elsewhere[n])
+        return said[:, 0], said[:, 1:]
 
     @property
     def parts_wrong(self) -> Array:
@@ -248,30 +247,30 @@ def fit(half: Half) -> None:
     half = half.of(half.recording != _VIDEOS)
     known, wrong = half.known, half.wrong
     judged = [one for one in half.frames if one is not None]
-    told = [signs_of(one) for one in judged]
-    confidence.ALWAYS = -np.inf
+    confidence.ALWAYS, confidence.ELSEWHERE = -np.inf, 0.0
     beside = 1.0 - half.said()[0][known]  # that nothing but a gross error makes it wrong
-    signs = np.array([[1.0, *one.values()] for one in told])
+    signs = np.array([[1.0, *signs_of(one).values()] for one in judged])
 
     def of_signs(values: Floats) -> float:
-        rest = beside / (1.0 + np.exp(signs @ values))
-        chance = np.clip(np.where(wrong[known], 1.0 - rest, rest), 1e-4, 1.0)
+        alone = 1.0 - beside * expit(-signs @ values[:-1])
+        off = expit(logit(alone) + values[-1] * half.elsewhere[known, 0])
+        chance = np.clip(np.where(wrong[known], off, 1.0 - off), 1e-4, 1.0)
         return float(-np.log(chance).sum() / _ALIKE + 0.5 * (values[1:] ** 2).sum() / _WIDE**2)
 
-    bounds = [(-9.0, 0.0), *[(0.0, None)] * len(confidence.SIGNS)]
-    start = np.array([-4.0, *[1.0] * len(confidence.SIGNS)])
-    always, *weights = minimize(of_signs, start, bounds=bounds).x.round(2)
-    confidence.ALWAYS = float(always)
+    bounds = [(-9.0, 0.0), *[(0.0, None)] * (len(confidence.SIGNS) + 1)]
+    start = np.array([-4.0, *[1.0] * len(confidence.SIGNS), 0.3])
+    always, *weights, elsewhere = minimize(of_signs, start, bounds=bounds).x.round(2)
+    confidence.ALWAYS, confidence.ELSEWHERE = float(always), float(elsewhere)
     confidence.SIGNS = dict(zip(confidence.SIGNS, map(float, weights), strict=True))
-    confidence.MOVED_UNKNOWN = float(signs[:, 2].mean().round(2))
+    confidence.MOVED_UNKNOWN = round(float(np.mean([one.moved for one in judged])), 2)
 
     true = half.parts_wrong[known]
     confidence.PART = (0.0, 1.0)
-    chance = half.said()[1][known]
-    spread = np.log(chance / (1.0 - chance))
+    weight, confidence.ELSEWHERE = confidence.ELSEWHERE, 0.0
+    spread, confidence.ELSEWHERE = logit(half.said()[1][known]), weight
 
     def of_parts(values: Floats) -> float:
-        odds = values[0] + values[1] * spread
+        odds = values[0] + values[1] * spread + weight * half.elsewhere[known, 1:]
         unlikely = np.logaddexp(0.0, np.where(true, -odds, odds))
         return float(unlikely.sum() / _ALIKE + 0.5 * values[1] ** 2 / _WIDE**2)
 
@@ -329,10 +328,8 @@ def main() -> None:
     others = held_out(every)
     fit(every)
     print(f"by other recordings, but for regions: {table(every, others)}")
-    for name in ("MASKS", "JOINTS", "ALWAYS", "SIGNS", "MOVED_UNKNOWN", "PART"):
+    for name in ("MASKS", "JOINTS", "ALWAYS", "SIGNS", "ELSEWHERE", "MOVED_UNKNOWN", "PART"):
         print(f"{name} = {getattr(confidence, name)}")
-    for half, read in halves.items():
-        print(f"{half}, fitted: {table(read, read.said()[0])}")
 
 
 if __name__ == "__main__":
