@@ -2,8 +2,8 @@
 
 DATA: a folder with `webxr_generic_hand`, `umetrack_generic_hand` and, for motions, `realsense_hand_pose`. MAKEHUMAN, LEAP: the git folders
 of copies of makehumancommunity/makehuman and leapmotion/leapjs-playback. OUT: gets a folder for each part of `HALVES`: figures are fitted to
-`tune` and `seen`; `fresh`, other people, motions and noise, was for one look, at which figures in the documentation were read; nobody has
-looked at `apart`.
+`tune` and `seen`; `fresh` and `apart`, other people, motions and noise, were each for one look, at the latter figures in the documentation
+were read.
 """
 
 from __future__ import annotations
