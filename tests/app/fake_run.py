@@ -157,5 +157,5 @@ def fake_document(folder: Path, size_pending: bool = False, **options: Any) -> D
     points = np.tile(model.keypoints21(model.bones(params)), (FRAMES, 1, 1))
     session.truth = Truth(np.arange(FRAMES), None, points, (), None)
     first = FirstPose(3, dict(zip(model.parameter_names, model.rest.tolist(), strict=True)))
-    run = FakeRun(session, first, TrackerSettings(), HandScale(), False, model, **options)
+    run = FakeRun(session, first, TrackerSettings(), 0.0, model, **options)
     return Document(run, 3, params, size_pending)
