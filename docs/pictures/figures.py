@@ -51,7 +51,7 @@ def draw_flips(scene: JumpScene) -> Any:
         at_start = params is scene.start
         style = {"color": "black" if at_start else _FOUND, "lw": 1.8 if at_start else 0.7}
         points = scene.model.joint_positions(scene.model.bones(params))
-        pixels = scene.camera.project(points)
+        pixels = scene.observed.camera.project(points)
         for line in _BONES:
             at = [scene.model.joint_names.index(name) for name in line]
             image.plot(*pixels[at].T, **style)
