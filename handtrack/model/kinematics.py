@@ -26,16 +26,19 @@ from handtrack.model.skeleton import Skeleton
 
 
 class Frames(NamedTuple):
-    """The bones' frames, as compiled sums take them; twists are taken about the root's position."""
+    """The bones' frames, as compiled sums take them."""
 
     rotation: Floats[B, D3, D3]
     position: Floats[B, D3]
+    reference: Floats[D3]
 
 
 @array_dataclass
 class BonePoses:
     """Where every bone is, in the world."""
 
+    reference: Floats[D3]
+    """the point o that twists are taken about: the root's position [m]."""
     rotation: Floats[B, D3, D3]
     """bone frame → world."""
     position: Floats[B, D3]
@@ -46,14 +49,9 @@ class BonePoses:
     """of the ellipsoids on each bone, in its frame [m]; None: 0."""
 
     @property
-    def reference(self) -> Floats[D3]:
-        """The point o that twists are taken about: the root's position [m]."""
-        return self.position[0]
-
-    @property
     def frames(self) -> Frames:
         """The same for compiled sums; what bones have grown by is applied to points before."""
-        return Frames(self.rotation, self.position)
+        return Frames(self.rotation, self.position, self.reference)
 
     @property
     def T_world_bone(self) -> Floats[B, D4, D4]:
@@ -123,7 +121,7 @@ def bone_poses(skeleton: Skeleton, joint_params: Floats[S]) -> BonePoses:
     """Return the bones' poses for joint parameters [m, rad]. 2007 paper, eqs. 8–9 (at bone ends)."""
     params = _checked(skeleton, joint_params)
     rotation, position, _, _ = pose(skeleton.tree, params)
-    return BonePoses(rotation, position, skeleton.scale_change, skeleton.shift)
+    return BonePoses(position[0], rotation, position, skeleton.scale_change, skeleton.shift)
 
 
 def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, Floats[B, D6, S]]:
@@ -133,7 +131,9 @@ def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, F
     the joint. Replaces eqs. 30–39 of the 2007 paper; docs/explanation/model.md.
     """
     rotation, position, jacobian = linearize_pose(skeleton.tree, _checked(skeleton, joint_params))
-    return BonePoses(rotation, position, skeleton.scale_change, skeleton.shift), jacobian
+    return BonePoses(
+        position[0], rotation, position, skeleton.scale_change, skeleton.shift
+    ), jacobian
 
 
 def _checked(skeleton: Skeleton, joint_params: Floats[S]) -> Floats[S]:

@@ -180,13 +180,13 @@ def scale_change_fields(changes, frames, scale_change, unknowns):  # pragma: no 
         that are proportions; which of the deviations these begin at.
     """
     parent, rates, moves, shift, first = changes
-    rotation, position = frames
+    rotation, position, reference = frames
     bones, count = len(parent), len(unknowns)
     joints = np.zeros((bones, 12, count))
     head = np.zeros((bones, 3, count))  # by how much each bone's head moves
     for b in range(bones):
         a, turn = parent[b], rotation[b]
-        arm = position[b] - position[0]
+        arm = position[b] - reference
         for k in range(count):
             n = unknowns[k]
             q = n - first

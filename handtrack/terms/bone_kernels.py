@@ -60,7 +60,7 @@ def add_point(sums, frames, bone, point, slope, residual, weight):  # pragma: no
     row = np.empty(12)
     for i in range(3):
         row[i] = slope[i]
-    o = frames.position[0]
+    o = frames.reference
     fill_arm(row, 0, sums.width, point[0] - o[0], point[1] - o[1], point[2] - o[2])
     add_row(sums, bone, row, residual, weight)
 

@@ -222,7 +222,7 @@ def overlaps(place, shape, reach, first, second, found):  # pragma: no cover - c
 def collision_sums(frames, collisions, sums):  # pragma: no cover - compiled
     """Add the pairs' overlaps to sums; return ½ Σ r². collisions: as `CollisionTerm.collisions`."""
     ellipsoids, first, second, slack, sigma = collisions
-    (bone, _, _, radii), reference = ellipsoids, frames.position[0]
+    (bone, _, _, radii), reference = ellipsoids, frames.reference
     width, gradient, hessian = sums
     count = bone.shape[0]
     place, shape, reach = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)

@@ -21,7 +21,7 @@ def keypoint_sums(frames, targets, loss, weight, sums):  # pragma: no cover - co
         3) [m], σ of each, in its unit, and the camera's projection, (0, 4) for points in space.
     """
     bone, local, target, deviation, camera = targets
-    rows, width, o = target.shape[1], sums.width, frames.position[0]
+    rows, width, o = target.shape[1], sums.width, frames.reference
     world, residual, slope, row = np.empty(3), np.empty(3), np.zeros((3, 3)), np.empty(12)
     image, cost = np.empty(3), 0.0
     for k in range(bone.shape[0]):
@@ -82,7 +82,7 @@ def point_velocities(
             for n in range(fields.shape[2]):
                 moved[i, n] = fields[b, i, n]
             for j in range(3):
-                arm = world[j] - frames.position[0, j]
+                arm = world[j] - frames.reference[j]
                 for n in range(fields.shape[2]):
                     moved[i, n] += fields[b, 3 + 3 * i + j, n] * arm
                 if joint.shape[0] > 0:

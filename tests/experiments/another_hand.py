@@ -101,7 +101,7 @@ def _picture(
     """Return what a camera sees, and the share of each pixel that is hand: the skin's pattern stays where it is on the hand."""
     normals = vertex_normals(vertices, rest.triangles)
     mesh = PartMesh(np.zeros(len(vertices), int), vertices, normals, rest.triangles)
-    still = BonePoses(np.eye(3)[None], np.zeros((1, 3)))
+    still = BonePoses(np.zeros(3), np.eye(3)[None], np.zeros((1, 3)))
     near = KDTree(vertices)
 
     def paint(bone, points):

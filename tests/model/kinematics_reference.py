@@ -20,4 +20,4 @@ def bone_poses(skeleton: Skeleton, params: np.ndarray) -> BonePoses:
             turn = turn @ Rotation.from_rotvec(skeleton.hinge_axis[h] * params[6 + h]).as_matrix()
         rotation.append(turn)
         position.append(place)
-    return BonePoses(np.stack(rotation), np.stack(position))
+    return BonePoses(np.asarray(params[:3]), np.stack(rotation), np.stack(position))

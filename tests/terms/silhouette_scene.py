@@ -17,7 +17,7 @@ def bones_of(rng):
     """Return BONES bones near the origin."""
     position = rng.normal(scale=0.03, size=(BONES, 3))
     rotation = Rotation.random(BONES, rng=rng).as_matrix()
-    return BonePoses(rotation, position)
+    return BonePoses(position[0].copy(), rotation, position)
 
 
 def ellipsoids_of(rng, count=14, radii=(0.006, 0.025)):
@@ -36,7 +36,7 @@ def parts_at(radii, places, turns=None):
     flesh = Ellipsoids(
         np.arange(count), np.zeros((count, 3)), upright if turns is None else turns, np.array(radii, float)
     )  # fmt: skip
-    return flesh, BonePoses(upright, np.array(places, float))
+    return flesh, BonePoses(np.array(places[0], float), upright, np.array(places, float))
 
 
 def camera_of(rng, size=(96, 72), distance=0.5, focal=110.0, name="cam"):

@@ -59,7 +59,7 @@ def write(path: Path, table: ResultsTable) -> None:
         film = None
         for row, frame in enumerate(track.frame):
             poses = track.T_world_bone[row]
-            bones = BonePoses(poses[:, :3, :3], poses[:, :3, 3])
+            bones = BonePoses(poses[0, :3, 3], poses[:, :3, :3], poses[:, :3, 3])
             drawn = ellipsoids.posed(bones), track.joint_positions[row], links
             status = Status(int(track.status[row]))
             pictures = [

@@ -259,7 +259,7 @@ def emptiness_sums(distances, frames, surface, noise, sums):  # pragma: no cover
     """
     bone, local, share = surface
     slack, sigma, loss, weight = noise
-    reference, width = frames.position[0], sums.width
+    reference, width = frames.reference, sums.width
     cost, row, point = 0.0, np.empty(12), np.empty(3)
     for n in range(bone.shape[0]):
         b = bone[n]

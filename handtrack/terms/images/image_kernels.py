@@ -146,7 +146,7 @@ def edges_sums(frames, camera, pieces, edges, spread, sums):  # pragma: no cover
         cost -= weight[n] * np.log(here / (clutter if from_none else best))
         if sums.width > 0 and held > 0.0:
             fill_row(
-                normal[n, 0], normal[n, 1], seen, camera, point, frames.position[0], sums.width, row
+                normal[n, 0], normal[n, 1], seen, camera, point, frames.reference, sums.width, row
             )
             add_row(sums, b, row, pull / held, weight[n] * held / here)
     return cost
@@ -231,6 +231,6 @@ def texture_sums(frames, camera, image, texture, noise, sums):  # pragma: no cov
         if sums.width == 0:
             continue
         for c in range(channels):
-            fill_row(across[c], down[c], seen, camera, point, frames.position[0], sums.width, row)
+            fill_row(across[c], down[c], seen, camera, point, frames.reference, sums.width, row)
             add_row(sums, b, row, residual[c], weight * size)
     return 0.5 * weight * cost
