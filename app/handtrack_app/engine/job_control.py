@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -11,8 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.errors import HandtrackError
+from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights
+from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.session.doctor.check_hand import odd_side
+from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.posed_frames import keyframe_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import (
@@ -25,28 +29,24 @@ from handtrack.session.session_state import (
     in_turn,
 )
 from handtrack.session.track_session import (
+    Ended,
     FramesRefined,
     PassBegan,
     SizeFitted,
     TrackingRequest,
+    refine_frames,
+    track_session,
 )
 from handtrack.store.history import NOTE
 from handtrack.tracking.find_pose import PoseEstimate
 from handtrack.tracking.frame.confidence import OutlineFit, hand_words
+from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.frame.result import FrameHead, FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine import jobs
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import timeline_change
-from handtrack_app.engine.jobs import (
-    BackgroundJob,
-    JobEnded,
-    JobEvent,
-    TriedFrame,
-    Watch,
-    Work,
-)
+from handtrack_app.engine.jobs import BackgroundJob, Work
 from handtrack_app.engine.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_observed
 from handtrack_app.engine.service import Service
@@ -196,6 +196,7 @@ def moved_words(moves: Mapping[int, float]) -> str:
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
 _STRIP_EVERY_S = 0.25  # and the timeline is redrawn
 _ENDLESS = 1 << 40  # frames
+_TOGETHER = 100  # refined frames that are handed over at once
 _WORDS = {
     "paused": "Paused",
     "tracking": "Tracking",
@@ -213,10 +214,11 @@ class JobControl(Service):
     def __init__(
         self,
         opened: OpenSession,
-        watch: Watch,
+        watch: Callable[[TrackingRun, FrameResult], None],
         compiles: CompileWatch,
         live: LiveControl | None,
     ) -> None:
+        """watch: sees the run and each tracked frame, on the job's thread."""
         self.follows = True
         """each tracked frame is shown"""
         super().__init__(opened)
@@ -269,7 +271,8 @@ class JobControl(Service):
         """Do not wait for a cancelled job that looks up too rarely: what it still reports is passed over."""
         job = self._job
         if job is not None and (job.stage == "size" or job.kind != "tracking"):
-            self._ended(job, JobEnded(cancelled=True))
+            job.cancel()
+            self._ended(job, True, None)
 
     # ---- starting
 
@@ -313,8 +316,40 @@ class JobControl(Service):
 
     def _track(self, request: TrackingRequest) -> None:
         run = self.document.run
-        work = partial(jobs.track, run=run, request=request, watch=self._watch)
+        work = partial(self._work_at_tracking, run=run, request=request)
         self.begin("tracking", work, request, run.session.live is not None)
+
+    def _work_at_tracking(
+        self, job: BackgroundJob, run: TrackingRun, request: TrackingRequest
+    ) -> None:
+        control = Control(job.should_stop, _Following(self, job), waits=not job.is_live)
+        for event in track_session(run, request, control):
+            if job.stage:
+                job.begin_stage()
+            match event:
+                case FrameResult():
+                    job.report(self.take_frame, event)
+                    self._watch(run, event)
+                case PassBegan():
+                    run = event.run
+                    job.report(self._pass_began, job, event)
+                    if not job.is_live:
+                        job.total = sum(len(frames) for *_, frames in event.segments)
+                case FramesRefined():
+                    self._report_refined(job, event)
+                case SizeFitted():
+                    job.report(self._sized, event)
+                case str():
+                    job.report(self._warn, event)
+                case Ended():
+                    if event.problem:
+                        raise HandtrackError(event.problem)
+
+    def _report_refined(self, job: BackgroundJob, refined: FramesRefined) -> None:
+        """Hand refined frames over in parts, so that the worker serves edits in between."""
+        for first in range(0, len(refined.results), _TOGETHER):
+            some = refined.results[first : first + _TOGETHER]
+            job.report(self._refined, job, some, refined.refinement)
 
     @Command(job=True)
     def refine(self) -> None:
@@ -332,7 +367,14 @@ class JobControl(Service):
         run, found = document.run, document.results.refinement
         if changed is not None and found is not None:
             run = replace(run, cameras=Refinement.read(found).cameras)
-        work = partial(jobs.refine, run=run, request=request, tracked=tracked, changed=changed)
+
+        def work(job: BackgroundJob) -> None:
+            control = Control(job.should_stop, job)
+            result = refine_frames(run, request, tracked, control, changed)
+            self._report_refined(job, result)
+            for words in [] if result.refinement is None else result.refinement.words:
+                job.report(self._warn, words)
+
         self.begin("refining", work, request)
 
     @Command(job=True)
@@ -352,12 +394,19 @@ class JobControl(Service):
     def fit_size(self) -> None:
         """Fit the hand's size to the frames near the first pose."""
         self._prepare()
-        if self.document.run.first is None:
+        run = self.document.run
+        if run.first is None:
             raise HandtrackError(
                 "The size is fitted from the first-frame pose on, and this session has none yet. Find or pose it, "
                 "and press 'Save as first-frame pose'."
             )
-        self.begin("sizing", partial(jobs.fit_size, run=self.document.run))
+
+        def work(job: BackgroundJob) -> None:
+            result = run.fit_size(Control(job.should_stop, job))
+            if not job.should_stop():
+                job.report(self._sized, SizeFitted(result))
+
+        self.begin("sizing", work)
 
     @Command(job=True)
     def find_hand(self, frame: int | None, fetch: bool = False) -> None:
@@ -365,7 +414,25 @@ class JobControl(Service):
         before.
         """
         self._prepare()
-        self.begin("finding", partial(jobs.find, run=self.document.run, frame=frame, fetch=fetch))
+        run = self.document.run
+
+        def work(job: BackgroundJob) -> None:
+            show = partial(job.progress, stage="")
+            if fetch:
+                show(0.0, f"Fetching the hand detector, {DOWNLOAD_MB} MB")
+                try:
+                    fetch_weights(job.should_stop)
+                except HandtrackError:
+                    if job.should_stop():
+                        return
+                    raise
+            result = find_first_poses(run, frame, job.should_stop, show)
+            if not job.should_stop():
+                job.report(self._finish_search, result)
+                for words in odd_side(FirstPose.of(result[0]), run.session) if result else ():
+                    job.report(self._warn, words)
+
+        self.begin("finding", work)
 
     @Command(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follows", on))
     def follow(self, on: bool) -> None:
@@ -384,14 +451,11 @@ class JobControl(Service):
     def _prepare(self) -> None:
         """Write what was edited, before a job. Raises HandtrackError where none can begin."""
         self.store.write_what_rests(at_once=True)
-        self._refuse_second()
+        if self.busy:
+            raise HandtrackError("Tracking is already running. Cancel it first.")
         blind = nothing_observed(self.document.run)
         if blind:
             raise HandtrackError(blind)
-
-    def _refuse_second(self) -> None:
-        if self.busy:
-            raise HandtrackError("Tracking is already running. Cancel it first.")
 
     def begin(
         self,
@@ -400,9 +464,19 @@ class JobControl(Service):
         request: TrackingRequest | None = None,
         is_live: bool = False,
     ) -> None:
-        """Begin a job. Raises HandtrackError while another runs."""
-        self._refuse_second()
-        job = BackgroundJob(kind, work, self._post, request, is_live)
+        """Begin a job, while no other runs."""
+
+        def guarded(job: BackgroundJob) -> None:
+            problem = None
+            try:
+                work(job)
+            except MemoryError as error:
+                problem = not_enough_memory(kind.capitalize(), error)
+            except Exception as error:
+                problem = error
+            job.report(self._ended, job, job.cancelled, problem)
+
+        job = BackgroundJob(kind, guarded, self._post, request, is_live)
         self._job, self._moves, self._given = job, {}, self.document.state
         self._compiled_before = self._compiles.count
         job.start()
@@ -410,34 +484,21 @@ class JobControl(Service):
 
     # ---- following
 
-    def _post(self, job: BackgroundJob, event: JobEvent) -> None:
-        self.opened.post(partial(self.opened.take, job, event))
+    def _post(self, job: BackgroundJob, take: Callable[[], None]) -> None:
+        self.opened.post(partial(self._take, job, take))
 
-    def take(self, job: BackgroundJob, event: JobEvent) -> None:
-        """Take what the job reports; those of an earlier job are passed over."""
+    def _take(self, job: BackgroundJob, take: Callable[[], None]) -> None:
+        """Take what the job reports; what an earlier job does is passed over."""
         if job is not self._job:
             return
-        match event:
-            case FrameResult() as result:
-                self._tracked(result)
-            case TriedFrame(result):
-                self._tried(result)
-            case PassBegan() as began:
-                self._pass_began(job, began)
-            case FramesRefined() as refined:
-                self._refined(job, refined)
-            case SizeFitted(run, is_again):
-                self._sized(run, is_again)
-            case str(text):
-                self.publish(Notice.about_recording(text))
-            case list():
-                self._finish_search(event)
-            case dict():
-                self.store.do("Corrected masks propagated", decide(correction=event))
-                many = f"To {len(event)} frames; undo reverts it."
-                self.publish(Notice("done", "The correction is propagated", many))
-            case JobEnded() as end:
-                self._ended(job, end)
+        try:
+            take()
+        except Exception:
+            self.show_progress()  # a full disk at a job's end: it is over all the same
+            raise
+
+    def _warn(self, words: str) -> None:
+        self.publish(Notice.about_recording(words))
 
     def _pass_began(self, job: BackgroundJob, began: PassBegan) -> None:
         """Begin a take; it is of the size that may just have been found."""
@@ -452,7 +513,7 @@ class JobControl(Service):
         for result in began.resumed:
             self.store.add(result)
 
-    def _tried(self, result: FrameResult) -> None:
+    def try_frame(self, result: FrameResult) -> None:
         """Show a frame that is tracked to fit the size."""
         if self._follows_now():
             self.document.show(result.frame)
@@ -466,7 +527,8 @@ class JobControl(Service):
         self._shown = now if is_due else self._shown
         return is_due
 
-    def _tracked(self, result: FrameResult) -> None:
+    def take_frame(self, result: FrameResult) -> None:
+        """Keep a frame as it is tracked, and show it now and then."""
         document, now = self.document, time.monotonic()
         document.see_frames()
         if not self.store.add(result):
@@ -481,24 +543,27 @@ class JobControl(Service):
             self.publish(timeline_change(document))
         self.show_progress()
 
-    def _refined(self, job: BackgroundJob, done: FramesRefined) -> None:
+    def _refined(
+        self, job: BackgroundJob, results: Sequence[FrameResult], refinement: Refinement | None
+    ) -> None:
         """Lay refined frames over those that were tracked, as a take of their own."""
         document = self.document
         if not self._moves:
             frames, first = document.frames, document.first_frame
             self.store.end_take(finished=True)
             params = document.start_params(first, anew=True)
-            self.store.begin_take(frames, first, params, _fixed(job), True, done.refinement)
-        for result in done.results:
+            self.store.begin_take(frames, first, params, _fixed(job), True, refinement)
+        for result in results:
             self._moves[result.frame] = moved_mm(result, document.results.get(result.frame))
             self.store.add(result)
         given = self._given
         self._refined_with = replace(document.state, pose=given.pose, pins=given.pins)
+        self.opened.record_again(results)
         self.publish(timeline_change(document))
 
-    def _sized(self, run: TrackingRun, is_again: bool) -> None:
-        document = self.document
-        is_arm = is_again and run.arm_m != document.run.arm_m
+    def _sized(self, event: SizeFitted) -> None:
+        document, run = self.document, event.run
+        is_arm = event.after_tracking and run.arm_m != document.run.arm_m
         self.store.do("Size", in_turn(edits.size(run.scale), edits.arm(document, run.arm_m)))
         self.opened.show_session()
         self.opened.show_pose()
@@ -515,25 +580,27 @@ class JobControl(Service):
                 self.publish(snapshot)
         self.publish(search_notice(candidates, self.document.model.kind))
 
-    def _ended(self, job: BackgroundJob, end: JobEnded) -> None:
+    def _ended(self, job: BackgroundJob, cancelled: bool, problem: Exception | None) -> None:
         self._job = None
         document = self.document
         document.show(document.frame)
         self.opened.show_all()
         if job.kind == "tracking" or self._moves:
-            self.store.end_take(finished=not (end.cancelled or end.problem))
-        said = self._end_words(job, end)
+            self.store.end_take(finished=not (cancelled or problem))
+        said = self._end_words(job, cancelled, problem)
         if said is not None:
             self.publish(said)
         self.show_progress()
 
-    def _end_words(self, job: BackgroundJob, end: JobEnded) -> Notice | None:
+    def _end_words(
+        self, job: BackgroundJob, is_cancelled: bool, problem: Exception | None
+    ) -> Notice | None:
         """Return how a job went; None where there is nothing to say."""
         document, live, known = self.document, self._live, self.document.results
-        cancelled = Notice("done", "Cancelled", "") if end.cancelled else None
-        if end.problem is not None:
+        cancelled = Notice("done", "Cancelled", "") if is_cancelled else None
+        if problem is not None:
             title = "Not propagated" if job.kind == "carrying" else "Tracking stopped"
-            return Notice.of_error(end.problem, title)
+            return Notice.of_error(problem, title)
         if job.kind == "refining":
             return cancelled or Notice("done", "Refined", moved_words(self._moves))
         if job.kind != "tracking" or (cancelled and not job.done and live is None):
@@ -569,6 +636,21 @@ class JobControl(Service):
             words = job.words[:1].upper() + job.words[1:]
             done, total = round(100 * job.share), 100
         return ProgressSnapshot(state, words, done, total, round(job.eta_s()), job.kind, job.frame)
+
+
+class _Following(Observer):
+    """Shows how tracking goes on."""
+
+    def __init__(self, jobs: JobControl, job: BackgroundJob) -> None:
+        self._jobs, self._job = jobs, job
+        self.progress = job.progress
+
+    def provisional(self, result: FrameResult) -> None:
+        self._job.count(result.frame)
+        self._job.report(self._jobs.take_frame, result)
+
+    def tried(self, result: FrameResult) -> None:
+        self._job.report(self._jobs.try_frame, result)
 
 
 def _fixed(job: BackgroundJob) -> tuple[int, ...]:

@@ -4,70 +4,27 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from functools import partial
 
-from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights
-from handtrack.errors import HandtrackError, not_enough_memory
-from handtrack.session.doctor.check_hand import odd_side
-from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.first_pose_search import find_first_poses
-from handtrack.session.run import TrackingRun
-from handtrack.session.session_state import Correction
-from handtrack.session.track_session import (
-    Ended,
-    Event,
-    FramesRefined,
-    PassBegan,
-    SizeFitted,
-    TrackingRequest,
-    refine_frames,
-    track_session,
-)
-from handtrack.tracking.find_pose import PoseEstimate
-from handtrack.tracking.frame.control import Control, Observer
-from handtrack.tracking.frame.result import FrameResult
+from handtrack.session.track_session import TrackingRequest
+from handtrack.tracking.frame.control import Observer
 
-_TOGETHER = 100  # refined frames that are handed over at once
-
-
-@dataclass(frozen=True)
-class JobEnded:
-    """The job is over; `problem` says why, if not as asked."""
-
-    cancelled: bool
-    problem: Exception | None = None
-
-
-@dataclass(frozen=True)
-class TriedFrame:
-    """A frame that is tracked to fit the size: nothing is kept of it."""
-
-    result: FrameResult
-
-
-FirstPoses = list[PoseEstimate]
-"""poses that explain a frame, the most probable first"""
-Corrections = dict[tuple[str, int], Correction]
-"""of masks, carried to the frames beside: as the session's state has them"""
 Work = Callable[["BackgroundJob"], None]
 """does a job; asks its `should_stop` between solver steps"""
-JobEvent = Event | TriedFrame | FirstPoses | Corrections | JobEnded
-Post = Callable[["BackgroundJob", JobEvent], None]
-"""hands something that a job did over to the worker"""
-Watch = Callable[[TrackingRun, FrameResult], None]
-"""sees the run and each tracked frame, on the job's thread"""
+Post = Callable[["BackgroundJob", Callable[[], None]], None]
+"""has something done that a job reports, on the worker's thread"""
 
 
-_SIZING = "Fitting the size: "
-_REFINING = "Refining all frames together …"
+_STAGES = {"": "{}", "size": "Fitting the size: {}", "refine": "Refining all frames together …"}
+"""what is shown of a stage"""
 _GIVES_WAY_S = 0.3
 """that a job waits after each place to which somebody moves the hand; a page sends one every 0.05 s, and each is to be answered
 before the next"""
 
 
-class BackgroundJob:
-    """Works until done, cancelled, or failed; reports events and at last JobEnded."""
+class BackgroundJob(Observer):
+    """Works until done or cancelled; reports by what the worker is to do."""
 
     def __init__(
         self, kind: str, work: Work, post: Post, request: TrackingRequest | None, is_live: bool
@@ -80,15 +37,12 @@ class BackgroundJob:
         self.solved: set[int] = set()
         self.frame: int | None = None
         """done last"""
-        self.share, self.words, self.stage = 0.0, "", ""
-        """of a stage, what is done in it, and its name: `size` or `refine`, or nothing where frames are counted"""
-        self._since: tuple[float, float] | None = None
-        """when the stage first told a share, and which"""
+        self.begin_stage()
         self._began = self._held = time.monotonic()
-        self._work, self._post, self.is_live = work, post, is_live
+        self._post, self.is_live = post, is_live
         self._stop, self._hold = threading.Event(), threading.Event()
         self._way_until = 0.0
-        self._thread = threading.Thread(target=self._work_guarded, name=kind, daemon=True)
+        self._thread = threading.Thread(target=work, args=(self,), name=kind, daemon=True)
 
     @property
     def done(self) -> int:
@@ -140,121 +94,30 @@ class BackgroundJob:
                 break
         return self._stop.is_set()
 
-    def report(self, event: JobEvent) -> None:
-        """Hand an event over to the worker."""
-        self._post(self, event)
+    @property
+    def cancelled(self) -> bool:
+        return self._stop.is_set()
+
+    def report(self, take: Callable[..., None], *what: object) -> None:
+        """Have something done with what came of the work, on the worker's thread."""
+        self._post(self, partial(take, *what))
 
     def count(self, frame: int) -> None:
         """A frame is done, perhaps again."""
         self.solved.add(frame)
         self.frame = frame
         if self.total:
-            self.show_progress(self.done / self.total)
+            self.progress(self.done / self.total, stage="")
 
     def begin_stage(self, stage: str = "") -> None:
-        """Begin another stage; the time that is left is that of a stage."""
-        self.stage, self.share, self.words, self._since = stage, 0.0, "", None
-
-    def show_progress(self, share: float, words: str = "") -> None:
-        """Take how far the stage is: the share that is done, 0 to 1, and what is done in words."""
-        if self._since is None:
-            self._since = self.worked_s, share
-        self.share, self.words = share, words
-
-    def _work_guarded(self) -> None:
-        problem = None
-        try:
-            self._work(self)
-        except MemoryError as error:
-            problem = not_enough_memory(self.kind.capitalize(), error)
-        except Exception as error:
-            problem = error
-        self.report(JobEnded(self._stop.is_set(), problem))
-
-
-class _Following(Observer):
-    """Shows how a job goes on."""
-
-    def __init__(self, job: BackgroundJob) -> None:
-        self._job = job
-
-    def provisional(self, result: FrameResult) -> None:
-        self._job.count(result.frame)
-        self._job.report(result)
-
-    def tried(self, result: FrameResult) -> None:
-        if self._job.kind == "tracking":
-            self._job.report(TriedFrame(result))
+        """Begin another stage; the time that is left is that of a stage. stage: as of `progress`."""
+        self.stage, self.share, self.words = stage, 0.0, ""
+        self._since: tuple[float, float] | None = None
+        """when the stage first told a share, and which"""
 
     def progress(self, share: float, words: str = "", stage: str = "refine") -> None:
-        if stage != self._job.stage:
-            self._job.begin_stage(stage)
-        self._job.show_progress(share, _SIZING + words if stage == "size" else _REFINING)
-
-
-def track(
-    job: BackgroundJob, run: TrackingRun, request: TrackingRequest, watch: Watch | None
-) -> None:
-    """Track frames (`track_session`)."""
-
-    control = Control(job.should_stop, _Following(job), waits=not job.is_live)
-    for event in track_session(run, request, control):
-        if job.stage:
-            job.begin_stage()
-        if isinstance(event, FramesRefined):
-            _report_refined(job, event)
-            continue
-        job.report(event)
-        if isinstance(event, PassBegan):
-            run = event.run
-            if not job.is_live:
-                job.total = sum(len(frames) for *_, frames in event.segments)
-        elif isinstance(event, FrameResult) and watch is not None:
-            watch(run, event)
-        elif isinstance(event, Ended) and event.problem:
-            raise HandtrackError(event.problem)
-
-
-def refine(
-    job: BackgroundJob,
-    run: TrackingRun,
-    request: TrackingRequest,
-    tracked: Sequence[FrameResult],
-    changed: Sequence[int] | None,
-) -> None:
-    """Refine tracked frames together; where keyframes have changed since, those alone that they affect (`refine_frames`)."""
-    control = Control(job.should_stop, _Following(job))
-    result = refine_frames(run, request, tracked, control, changed)
-    _report_refined(job, result)
-    for words in [] if result.refinement is None else result.refinement.words:
-        job.report(words)
-
-
-def _report_refined(job: BackgroundJob, refined: FramesRefined) -> None:
-    """Hand refined frames over in parts, so that the worker serves edits in between."""
-    for first in range(0, len(refined.results), _TOGETHER):
-        job.report(replace(refined, results=refined.results[first : first + _TOGETHER]))
-
-
-def fit_size(job: BackgroundJob, run: TrackingRun) -> None:
-    """Fit the size to the frames near the first pose."""
-    result = run.fit_size(Control(job.should_stop, _Following(job)))
-    if not job.should_stop():
-        job.report(SizeFitted(result))
-
-
-def find(job: BackgroundJob, run: TrackingRun, frame: int | None, fetch: bool) -> None:
-    """Look for the hand without a first pose, in a frame or in the surest of several (None); fetch the detector before if asked to."""
-    if fetch:
-        job.show_progress(0.0, f"Fetching the hand detector, {DOWNLOAD_MB} MB")
-        try:
-            fetch_weights(job.should_stop)
-        except HandtrackError:
-            if job.should_stop():
-                return
-            raise
-    result = find_first_poses(run, frame, job.should_stop, job.show_progress)
-    if not job.should_stop():
-        job.report(result)
-        for words in odd_side(FirstPose.of(result[0]), run.session) if result else ():
-            job.report(words)
+        """Take how far a stage is: the share that is done, 0 to 1, and what is done in words. stage: nothing where frames are counted."""
+        if stage != self.stage:
+            self.begin_stage(stage)
+        self._since = self._since or (self.worked_s, share)
+        self.share, self.words = share, _STAGES[stage].format(words)

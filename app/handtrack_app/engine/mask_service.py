@@ -37,6 +37,7 @@ from handtrack_app.protocol.snapshots import (
     FILES,
     NO_MASKS,
     MaskPicture,
+    Notice,
 )
 
 _CORRECTED = (86, 180, 233)
@@ -98,8 +99,8 @@ def carry(
     frame: int,
     reach: range,
     is_painted: Callable[[str, int], bool],
-) -> None:
-    """Follow what was painted by optical flow, frame by frame, up to frames that were painted themselves.
+) -> dict[tuple[str, int], Correction]:
+    """Follow what was painted by optical flow, frame by frame, up to frames that were painted themselves; return the corrections.
 
     reach: as far as it is carried, `frame` among them. is_painted: whether a camera's own frame was corrected by hand.
     """
@@ -111,14 +112,14 @@ def carry(
             for at, correction in _carried(view, frame, frames, is_painted):
                 carried[at] = correction
                 share = min(len(carried) / total, 0.99)
-                job.show_progress(share, f"carrying the correction of {view.name}")
+                job.progress(share, f"carrying the correction of {view.name}", "")
                 if job.should_stop():
-                    return
+                    return {}
     if not carried:
         raise HandtrackError(
             "There is nothing to propagate: no camera that is corrected in this frame has uncorrected images in the frames beside it."
         )
-    job.report(carried)
+    return carried
 
 
 def _carried(
@@ -347,5 +348,14 @@ class MaskService(Service, FramePictures):
             low, high = (min(max(n, 0), _MOST_CARRIED) for n in (before, behind))
             at = document.clamped(frame)
             frames = range(document.clamped(at - low), document.clamped(at + high) + 1)
-            work = partial(carry, views=views, frame=at, reach=frames, is_painted=self._is_painted)
+
+            def work(job: BackgroundJob) -> None:
+                if carried := carry(job, views, at, frames, self._is_painted):
+                    job.report(self._take_carried, carried)
+
             self.jobs.begin("carrying", work)
+
+    def _take_carried(self, corrections: dict[tuple[str, int], Correction]) -> None:
+        self.store.do("Corrected masks propagated", decide(correction=corrections))
+        many = f"To {len(corrections)} frames; undo reverts it."
+        self.publish(Notice("done", "The correction is propagated", many))

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.session_state import Edit
-from handtrack.session.track_session import FramesRefined
 from handtrack.store.history import Action
+from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
@@ -21,7 +21,6 @@ from handtrack_app.engine.document_snapshots import (
     timeline_snapshot,
 )
 from handtrack_app.engine.job_control import JobControl, stops_following
-from handtrack_app.engine.jobs import BackgroundJob, JobEvent
 from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_observed
@@ -133,7 +132,7 @@ class OpenSession:
 
         self.render_thread.ask("cameras", look)
 
-    # ---- commands, and reports of the jobs
+    # ---- commands
 
     def serve(self, call: Call) -> None:
         """Do what is asked. Raises HandtrackError for what cannot be done."""
@@ -146,15 +145,6 @@ class OpenSession:
             self._commands[call.name](**call.arguments)
         finally:
             self._served = call.number or self._served
-
-    def take(self, job: BackgroundJob, event: JobEvent) -> None:
-        try:
-            self.jobs.take(job, event)
-        except Exception:
-            self.jobs.show_progress()  # a full disk at a job's end: it is over all the same
-            raise
-        if isinstance(event, FramesRefined) and self._recorder.is_on:
-            self._unrecorded[:0] = [result.frame for result in reversed(event.results)]
 
     @Command(latest=(), is_ordered=True, at_once=stops_following)
     def show_frame(self, frame: int, is_played: bool = False) -> None:
@@ -237,6 +227,11 @@ class OpenSession:
             )
         self._unrecorded = sorted(known, key=lambda frame: (frame != shown, frame), reverse=True)
         self._recorder.open()
+
+    def record_again(self, results: Sequence[FrameResult]) -> None:
+        """Record refined frames for rerun before those that wait, if any are."""
+        if self._recorder.is_on:
+            self._unrecorded[:0] = [result.frame for result in reversed(results)]
 
     @Command(edits=True, files=True)
     def save_pose(self) -> None:

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from handtrack import HandScale, HandtrackError, load_model
 from handtrack.tracking.find_pose import PoseEstimate
 from handtrack.tracking.frame.result import Alternative
-from handtrack_app.engine import jobs
+from handtrack_app.engine import job_control
 from handtrack_app.engine.job_control import Guesses
 from tests.app.fake_run import fake_document
 from tests.app.opened import did, opened
@@ -47,7 +47,7 @@ def search(monkeypatch):
         other = left.keypoints21(left.bones(left.rest_params()))
         return {8: [replace(found[0], points=other)], 9: []}.get(frame, found)
 
-    monkeypatch.setattr(jobs, "find_first_poses", find)
+    monkeypatch.setattr(job_control, "find_first_poses", find)
     yield go
     go.set()
 
@@ -101,7 +101,7 @@ def test_a_search_can_be_cancelled_and_may_find_nothing(bench, wire, search, mon
     def fetch(should_stop):
         raise HandtrackError("no network")
 
-    monkeypatch.setattr(jobs, "fetch_weights", fetch)
+    monkeypatch.setattr(job_control, "fetch_weights", fetch)
     panel, messages = bench.layout.guesses, bench.layout.messages
     wire.set_value(panel.fetch, True)
     eventually(lambda: "no network" in messages.said.content)
