@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Array, Axes, F, Floats, Ints, J, N, indices
+from handtrack.arrays import D3, D21, Array, Axes, F, Floats, J, N, indices
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import turn_between
 from handtrack.model.articulated import FINGERS, JOINT_CENTRES, definition_among, keypoint_names
 from handtrack.observation.truth import Truth
-from handtrack.tracking.frame.result import Status, TrackResult
+from handtrack.tracking.frame.result import COLUMNS, Status, TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
 
 # ---- Errors beside a constant offset, which two definitions of the same point have, and which frames are wrong by them
@@ -151,34 +151,6 @@ _LEAST_STD_M = 1e-6  # a covariance flatter than this is taken as this thick
 _PCK_MM = np.linspace(0.0, 50.0, 101)
 
 
-@dataclass(frozen=True)
-class _Compared:
-    """Points (T, N, 3) of the T truth frames [mm], and what the track says of them."""
-
-    frame: Ints
-    names: tuple[str, ...]
-    truth: Floats
-    """NaN where unknown"""
-    estimated: Floats
-    """a missing or lost frame holds the last estimate"""
-    covariance: Floats | None
-    """(T, N, 3, 3) [mm²]"""
-    status: Ints
-    """(T,) of the frames; a missing one is lost"""
-    turns: Floats | None
-    """(T, N, 3, 3) bone → world of the bones that carry the points; None where the track does not say which these are"""
-
-    @property
-    def tracked(self) -> Array:
-        """(T,) whether a frame is neither missing nor lost."""
-        return self.status != Status.LOST
-
-    @property
-    def sure(self) -> Array:
-        """(T,) whether it is of high confidence, neither doubtful, missing nor lost."""
-        return self.tracked & (self.status != Status.DOUBTFUL)
-
-
 def evaluate(
     track: TrackResult, truth: Truth, landmarks: str | None = None
 ) -> dict[str, float | int | None]:
@@ -215,37 +187,32 @@ def evaluate(
     HandtrackError
         When nothing can be compared.
     """
-    points = _compared(in_truths_landmarks(track, truth, landmarks), truth)
-    error = np.linalg.norm(points.estimated - points.truth, axis=2)
-    known = np.isfinite(error)
-    tips = np.array([name.endswith("_tip") for name in points.names])
-    every, tracked = error[known], error[known & points.tracked[:, None]]
+    track, names, found, true = _compared(in_truths_landmarks(track, truth, landmarks), truth)
+    error = np.linalg.norm(found - true, axis=2)
+    known, tracked = np.isfinite(error), track.status != Status.LOST
+    tips = np.array([name.endswith("_tip") for name in names])
+    every = error[known]
     return {
         "mpjpe_mm": mean_size(every),
         "mpjpe_median_mm": float(np.median(every)),
         "p95_mm": float(np.percentile(every, 95)),
         "max_mm": float(every.max()),
-        "mpjpe_tracked_mm": mean_size(tracked),
-        "pa_mpjpe_mm": _aligned_error(points),
+        "mpjpe_tracked_mm": mean_size(error[known & tracked[:, None]]),
+        "pa_mpjpe_mm": _aligned_error(found, true),
         "fingertip_mm": mean_size(error[known & tips]),
         "pck_auc_50mm": _pck_auc(every),
-        "jitter_mm": _jitter(points),
-        "lost_frames": int((~points.tracked).sum()),
-        "coverage90": _coverage(points),
-        "finger_swaps": _swaps(points, tips),
-        **(
-            flexion_errors(points.estimated, points.truth)
-            if points.names == keypoint_names()
-            else {}
-        ),
-        **_position_errors(points, error),
-        **_wrong_frames(points),
-        "frames_used": len(points.frame),
+        "jitter_mm": _jitter(track, found),
+        "lost_frames": int((~tracked).sum()),
+        "coverage90": _coverage(track, names, found, true),
+        "finger_swaps": _swaps(found[:, tips], true[:, tips]),
+        **(flexion_errors(found, true) if names == keypoint_names() else {}),
+        **_position_errors(track, names, found, true),
+        **(_wrong_frames(track, found, true) if names == keypoint_names() else {}),
+        "frames_used": len(track),
         "points_used": int(known.sum()),
         "points_unknown": int((~known).sum()),
         **{
-            f"used_{name}": int(count)
-            for name, count in zip(points.names, known.sum(axis=0), strict=True)
+            f"used_{name}": int(count) for name, count in zip(names, known.sum(axis=0), strict=True)
         },
     }
 
@@ -271,7 +238,12 @@ def similarity(points: Floats[N, D3], target: Floats[N, D3]) -> Floats[N, D3]:
 # ---- what is compared ------------------------------------------------------------------------------
 
 
-def _compared(track: TrackResult, truth: Truth) -> _Compared:
+def _compared(
+    track: TrackResult, truth: Truth
+) -> tuple[TrackResult, tuple[str, ...], Floats[F, N, D3], Floats[F, N, D3]]:
+    """Return the track at the truth's frames, ascending, a missing one lost with the last estimate; the points' names, where the
+    track has them, and where they are [mm]: NaN where unknown.
+    """
     names, found, true = _points(track, truth)
     known = np.all(np.isfinite(true), axis=2)
     rows = np.flatnonzero(known.any(axis=1))
@@ -289,19 +261,13 @@ def _compared(track: TrackResult, truth: Truth) -> _Compared:
     if not len(usable):
         raise HandtrackError("the result has no frame with finite joint positions.")
     last = np.searchsorted(track.frame[usable], frames, side="right") - 1
-    source = usable[np.maximum(last, 0)]
-    status = np.where(track.frame[source] == frames, track.status[source], Status.LOST)
-    spread, turns = _covariance(track, names), _turns(track, names)
-    found = 1e3 * found[source]
-    return _Compared(
-        frames,
-        names,
-        np.where(np.isfinite(found), 1e3 * true, np.nan),
-        found,
-        None if spread is None else 1e6 * spread[source],
-        status,
-        None if turns is None else turns[source],
-    )
+    held = usable[np.maximum(last, 0)]
+    columns = {name: getattr(track, name) for name in COLUMNS}
+    columns = {name: array[held] for name, array in columns.items() if array is not None}
+    columns["status"] = np.where(columns["frame"] == frames, columns["status"], Status.LOST)
+    found = 1e3 * found[held]
+    true = np.where(np.isfinite(found), 1e3 * true, np.nan)
+    return replace(track, **columns | {"frame": frames}), names, found, true
 
 
 def _points(track: TrackResult, truth: Truth) -> tuple[tuple[str, ...], Floats, Floats]:
@@ -324,15 +290,8 @@ def _points(track: TrackResult, truth: Truth) -> tuple[tuple[str, ...], Floats, 
     )
 
 
-def _covariance(track: TrackResult, names: Sequence[str]) -> Floats | None:
-    """Return (F, N, 3, 3) [m²], None when the track does not state it for all these points."""
-    if any(name not in track.joint_names for name in names):
-        return None
-    return track.joint_covariance[:, indices(track.joint_names, names)]
-
-
 def _turns(track: TrackResult, names: Sequence[str]) -> Floats | None:
-    """Return bone → world (F, N, 3, 3) of the bones that carry the points, None where the track does not say which these are."""
+    """Return bone → world (F, N, 3, 3) of the bones that carry the points; None where the track does not say which these are."""
     try:
         model = model_of(track)
     except HandtrackError:
@@ -344,12 +303,15 @@ def _turns(track: TrackResult, names: Sequence[str]) -> Floats | None:
 # ---- measures --------------------------------------------------------------------------------------
 
 
-def _position_errors(points: _Compared, error: Floats) -> dict[str, float | int | None]:
+def _position_errors(
+    track: TrackResult, names: Sequence[str], found: Floats, true: Floats
+) -> dict[str, float | int | None]:
     """Return errors of each point [mm], and of all and each beside its constant offset in its bone's frame."""
+    error, turns = np.linalg.norm(found - true, axis=2), _turns(track, names)
     beside = np.full_like(error, np.nan)
-    if points.turns is not None:
-        beside = offset_free_errors(points.estimated, points.truth, points.turns)
-    each = [*enumerate(points.names)]
+    if turns is not None:
+        beside = offset_free_errors(found, true, turns)
+    each = [*enumerate(names)]
     return {
         "offset_free_mm": mean_size(beside),
         "offset_free_median_mm": known_median(beside),
@@ -358,26 +320,25 @@ def _position_errors(points: _Compared, error: Floats) -> dict[str, float | int 
     }
 
 
-def _wrong_frames(points: _Compared) -> dict[str, float | int | None]:
+def _wrong_frames(track: TrackResult, found: Floats, true: Floats) -> dict[str, int]:
     """Return how many frames are wrong, how many are of low confidence, and how many are both."""
-    if points.names != keypoint_names():
-        return {}
-    wrong = wrong_frames(1e-3 * points.estimated, 1e-3 * points.truth)
+    wrong = wrong_frames(1e-3 * found, 1e-3 * true)
+    unsure = np.isin(track.status, (Status.DOUBTFUL, Status.LOST))
     return {
         "wrong_frames": int(wrong.sum()),
-        "low_confidence_frames": int((~points.sure).sum()),
-        "wrong_low_confidence_frames": int((wrong & ~points.sure).sum()),
+        "low_confidence_frames": int(unsure.sum()),
+        "wrong_low_confidence_frames": int((wrong & unsure).sum()),
     }
 
 
-def _aligned_error(points: _Compared) -> float | None:
+def _aligned_error(found: Floats, true: Floats) -> float | None:
     """Return the mean error after a similarity fit per frame; frames with under 3 known points do not count."""
     errors = []
-    for found, true in zip(points.estimated, points.truth, strict=True):
-        known = np.isfinite(true).all(axis=1)
+    for ours, theirs in zip(found, true, strict=True):
+        known = np.isfinite(theirs).all(axis=1)
         if known.sum() >= 3:
-            fitted = similarity(found[known], true[known])
-            errors.append(np.linalg.norm(fitted - true[known], axis=1))
+            fitted = similarity(ours[known], theirs[known])
+            errors.append(np.linalg.norm(fitted - theirs[known], axis=1))
     return mean_size(np.concatenate(errors)) if errors else None
 
 
@@ -386,21 +347,16 @@ def _pck_auc(errors: Floats) -> float:
     return float(np.trapezoid(share, _PCK_MM) / _PCK_MM[-1])
 
 
-def _jitter(points: _Compared) -> float | None:
+def _jitter(track: TrackResult, found: Floats) -> float | None:
     """Return the median norm of second differences over three tracked frames in a row."""
-    one = np.diff(points.frame) == 1
-    middle = 1 + np.flatnonzero(
-        one[1:] & one[:-1] & points.tracked[2:] & points.tracked[1:-1] & points.tracked[:-2]
-    )
-    bend = (
-        points.estimated[middle + 1] - 2 * points.estimated[middle] + points.estimated[middle - 1]
-    )
-    return known_median(np.linalg.norm(bend, axis=2))
+    lost = track.status == Status.LOST
+    row = (np.diff(track.frame) == 1) & ~lost[1:] & ~lost[:-1]
+    bend = found[2:] - 2 * found[1:-1] + found[:-2]
+    return known_median(np.linalg.norm(bend[row[1:] & row[:-1]], axis=2))
 
 
-def _swaps(points: _Compared, tips: Array) -> int | None:
+def _swaps(found: Floats, true: Floats) -> int | None:
     """Return how many fingertips, over all frames, are nearer to another finger's true tip than to their own."""
-    found, true = points.estimated[:, tips], points.truth[:, tips]
     if true.shape[1] < 2:
         return None
     apart = np.linalg.norm(found[:, :, None] - true[:, None, :], axis=3)
@@ -410,15 +366,15 @@ def _swaps(points: _Compared, tips: Array) -> int | None:
     return int((other.min(axis=2) < own).sum())
 
 
-def _coverage(points: _Compared) -> float | None:
-    """Return the share of tracked points inside their stated 90 % ellipsoid."""
-    if points.covariance is None:
+def _coverage(
+    track: TrackResult, names: Sequence[str], found: Floats, true: Floats
+) -> float | None:
+    """Return the share of tracked points inside their stated 90 % ellipsoid; None where it is not stated of all these points."""
+    asked = np.isfinite(true).all(axis=2) & (track.status != Status.LOST)[:, None]
+    if not asked.any() or not set(names) <= set(track.joint_names):
         return None
-    asked = np.isfinite(points.truth).all(axis=2) & points.tracked[:, None]
-    if not asked.any():
-        return None
-    error = (points.estimated - points.truth)[asked]
-    reported = points.covariance[asked]
+    error = (found - true)[asked]
+    reported = 1e6 * track.joint_covariance[:, indices(track.joint_names, names)][asked]
     sound = np.isfinite(reported).all(axis=(1, 2))  # an estimate that states nothing covers nothing
     values, vectors = np.linalg.eigh(reported[sound])
     along = np.einsum("nij,ni->nj", vectors, error[sound])
