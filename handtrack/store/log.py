@@ -15,7 +15,7 @@ from typing import Any
 
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import sync_folder
-from handtrack.store.record import Gap, Record, encoded, scan
+from handtrack.store.record import Record, encoded, scan
 
 _ENDING = ".log"
 
@@ -43,8 +43,8 @@ def read_at(path: Path, offset: int) -> Record:
     """Return the record at a place of a segment. Raises HandtrackError where none stands there any more."""
     with suppress(OSError), path.open("rb") as file:
         file.seek(offset)
-        found = next(scan(file), None)
-        if isinstance(found, Record) and found.offset == offset:
+        found = next(scan(file, []), None)
+        if found is not None and found.offset == offset:
             return found
     raise HandtrackError(
         f"{path}: the record at byte {offset} was there when the session was opened and cannot be read any more. Is the "
@@ -64,24 +64,13 @@ def read_segments(
             continue
         expected = 1
         with path.open("rb") as file:
-            for found in scan(file, payloads):
-                if isinstance(found, Gap):
-                    damage.append(_words(path, found))
-                    continue
-                if found.seq > expected:
-                    missing = found.seq - expected
+            for found in scan(file, damage, payloads):
+                missing, expected = found.seq - expected, found.seq + 1
+                if missing > 0:
                     damage.append(
                         f"{path}: {missing} record(s) before number {found.seq} are lost."
                     )
-                expected = found.seq + 1
                 yield path, found
-
-
-def _words(path: Path, gap: Gap) -> str:
-    where = f"{path}: {gap.length} bytes at {gap.offset} hold no whole record"
-    if gap.at_end:
-        return f"{where}: the last one was not written to its end, or was damaged. They are kept, and not used."
-    return f"{where}; they are kept, and not used."
 
 
 class LogWriter:

@@ -37,16 +37,6 @@ class Record:
     """where it begins in the file that it was read from"""
 
 
-@dataclass(frozen=True)
-class Gap:
-    """Bytes that hold no whole record."""
-
-    offset: int
-    length: int
-    at_end: bool
-    """nothing whole follows: a last record torn by a crash looks so, and so does one that was damaged"""
-
-
 def encoded(record: Record) -> bytes:
     """Return a record as it stands in a file."""
     line: dict[str, object] = {"seq": record.seq, "kind": record.kind}
@@ -58,13 +48,13 @@ def encoded(record: Record) -> bytes:
     return b"%08x %b\n%b" % (zlib.crc32(text), text, end)
 
 
-def scan(file: BinaryIO, payloads: bool = True) -> Iterator[Record | Gap]:
-    """Yield the records of a file from its present place, and gaps where there are none.
-
-    Takes memory for one record.
+def scan(file: BinaryIO, damage: list[str], payloads: bool = True) -> Iterator[Record]:
+    """Yield the records of a file from its present place. Takes memory for one of them.
 
     Parameters
     ----------
+    damage
+        Gets a sentence for each stretch of bytes that holds no whole record. One at the end may be a last record torn by a crash.
     payloads
         Whether the bytes of arrays are read and checked; else they are passed over, which is quick.
     """
@@ -79,9 +69,10 @@ def scan(file: BinaryIO, payloads: bool = True) -> Iterator[Record | Gap]:
             continue
         after = _next_record(file, begin)
         file.seek(after)
-        at_end = not file.read(1)
+        why = "" if file.read(1) else ": the last one was not written to its end, or was damaged"
         file.seek(after)
-        yield Gap(begin, after - begin, at_end)
+        where = f"{after - begin} bytes at {begin} hold no whole record"
+        damage.append(f"{file.name}: {where}{why}. They are kept, and not used.")
 
 
 def _record(begin: int, line: bytes, file: BinaryIO, payloads: bool) -> Record | None:
