@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,8 @@ from handtrack.simulation.scenes.jump_scene import JumpScene, body_priors, full_
 from handtrack.terms.priors.priors import GaussianPrior
 
 LIMBS, LENGTH_M = 5, 0.25
-Vector = tuple[float, float, float]
+Vector = Sequence[float]
+"""(3,), of floats in a tuple or a list"""
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -107,19 +108,12 @@ def leaves_one_by_one(
     bones = model.bones(params)
     first, *ends = indices(model.joint_names, chain.joints)
     places = model.joint_positions(bones)
-    start = tuple(float(x) for x in places[first])
-    carrier = [[float(x) for x in row] for row in bones.rotation[chain.carrier]]
-    centre = tuple(float(x) for x in camera.centre)
-    directions = camera.rays(camera.project(places))[ends]
-    directions = [tuple(float(x) for x in ray) for ray in directions]
-    axes = [
-        [tuple(float(x) for x in chain.turns.axes[h]) for h in chain.hinges(i)]
-        for i in range(len(directions))
-    ]
-    interval = [
-        [tuple(map(float, chain.turns.interval[h])) for h in chain.hinges(i)]
-        for i in range(len(directions))
-    ]
+    carrier = bones.rotation[chain.carrier].T.tolist()
+    start, centre = places[first].tolist(), camera.centre.tolist()
+    directions = camera.rays(camera.project(places))[ends].tolist()
+    hinges = [chain.hinges(link) for link in range(len(directions))]
+    axes = [chain.turns.axes[own].tolist() for own in hinges]
+    interval = [chain.turns.interval[own].tolist() for own in hinges]
     leaves = []
     for sides in itertools.product((-1.0, 1.0), repeat=len(directions)):
         frame, joint, angles = carrier, start, []
@@ -130,28 +124,28 @@ def leaves_one_by_one(
             pair, frame, joint = found
             angles += pair
         else:
-            leaves.append([*(float(x) for x in params[:6]), *angles])
+            leaves.append([*params[:6].tolist(), *angles])
     return leaves
 
 
 def _link(
-    frame: list[list[float]],
-    start: Any,
-    centre: Any,
-    ray: Any,
+    frame: Sequence[Vector],
+    start: Vector,
+    centre: Vector,
+    ray: Vector,
     side: float,
-    axes: list[Any],
+    axes: Sequence[Vector],
     interval: list[Any],
-) -> tuple[list[float], list[list[float]], Vector] | None:
+) -> tuple[list[float], list[Vector], Vector] | None:
+    """Return a link's two angles, its frame's axes and its end on a viewing ray; None out of reach. frame: the axes before it."""
     arm = _minus(start, centre)
     along = _dot(arm, ray)
     inside = LENGTH_M**2 - (_dot(arm, arm) - along**2)
     if inside < 0:
         return None
-    depth = along + side * math.sqrt(inside)
-    end = (centre[0] + depth * ray[0], centre[1] + depth * ray[1], centre[2] + depth * ray[2])
+    end = _sum((1.0, along + side * math.sqrt(inside), 0.0), (centre, ray, ray))
     way = _minus(end, start)
-    d = tuple(sum(frame[i][j] * way[i] for i in range(3)) for j in range(3))
+    d = _dot(frame[0], way), _dot(frame[1], way), _dot(frame[2], way)
     a, b = axes
     v = (0.0, LENGTH_M, 0.0)
     c, p, q = _dot(a, b), _dot(a, d), _dot(b, v)
@@ -159,49 +153,40 @@ def _link(
     left = (_dot(v, v) - x * x - y * y - 2 * x * y * c) / (1 - c * c)
     if left < 0:
         return None
-    n = _cross(a, b)
-    for sign in (1.0, -1.0):
-        w = sign * math.sqrt(left)
-        z = (
-            x * a[0] + y * b[0] + w * n[0],
-            x * a[1] + y * b[1] + w * n[1],
-            x * a[2] + y * b[2] + w * n[2],
-        )
+    for w in (math.sqrt(left), -math.sqrt(left)):
+        z = _sum((x, y, w), (a, b, _cross(a, b)))
         pair = [_angle(a, z, d), _angle(b, v, z)]
         if all(low <= t <= high for t, (low, high) in zip(pair, interval, strict=True)):
             turned = [_turn(a, pair[0], _turn(b, pair[1], e)) for e in (_X, _Y, _Z)]
-            new = [
-                [sum(frame[i][k] * turned[j][k] for k in range(3)) for j in range(3)]
-                for i in range(3)
-            ]
-            return pair, new, end
+            return pair, [_sum(e, frame) for e in turned], end
     return None
 
 
-def _dot(a: Any, b: Any) -> float:
+def _dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _cross(a: Any, b: Any) -> Vector:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def _minus(a: Any, b: Any) -> Vector:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+def _minus(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-def _angle(axis: Any, v: Any, d: Any) -> float:
+def _sum(weights: Vector, vectors: Sequence[Vector]) -> Vector:
+    x, y, z = weights
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = vectors
+    return x * ax + y * bx + z * cx, x * ay + y * by + z * cy, x * az + y * bz + z * cz
+
+
+def _angle(axis: Vector, v: Vector, d: Vector) -> float:
     return math.atan2(_dot(axis, _cross(v, d)), _dot(v, d) - _dot(axis, v) * _dot(axis, d))
 
 
 def _turn(axis: Vector, angle: float, v: Vector) -> Vector:
     s, c = math.sin(angle), math.cos(angle)
-    k, n = (1.0 - c) * _dot(axis, v), _cross(axis, v)
-    return (
-        c * v[0] + s * n[0] + k * axis[0],
-        c * v[1] + s * n[1] + k * axis[1],
-        c * v[2] + s * n[2] + k * axis[2],
-    )
+    return _sum((c, s, (1.0 - c) * _dot(axis, v)), (v, _cross(axis, v), axis))
 
 
 def _sorted(leaves: Floats) -> Floats:
