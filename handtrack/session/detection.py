@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import glob
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,19 +36,12 @@ _WRITER = "handtrack detect"
 _SAMPLED = 12  # frames of each camera that are asked for the side
 
 
-@dataclass
-class CameraDetection:
-    """What was found in one camera's images."""
-
-    camera: str
-    images: int = 0
-    """how many were looked at"""
-    found: int = 0
-    """in how many of them the session's hand was found"""
-    other_side: int = 0
-    """in how many all hands were rather of the other side"""
-    unfit: int = 0
-    """in how many a hand was seen that does not lie where the other cameras see the session's"""
+COUNTED = ("images", "found", "other_side", "unfit")
+"""what is counted of a camera: images that were looked at; in how many of them the session's hand was found, all hands were rather of
+the other side, or a hand was seen that does not lie where the other cameras see the session's
+"""
+_Hands = dict[str, dict[int, DetectedHand]]
+"""of a frame, by camera and by the number that a hand has while it is followed"""
 
 
 def observed_side(session: Session, detector: HandDetector) -> tuple[str, float, int, int]:
@@ -94,21 +86,36 @@ def joints_of_frame(
     sigma_px
         Of the joints.
     """
-    side, seen = session.file.hand.side, dict[str, list[HandObservation]]()
     views = {view.name: view for view in session.views if view.images is not None}
-    for name, view in views.items():
-        hands = HandFollower(detector).step(view.image(frame)).values()
-        seen[name] = [
-            HandObservation(view.camera, hand, log_odds(hand.right, side)) for hand in hands
-        ]
+    hands = {name: HandFollower(detector).step(view.image(frame)) for name, view in views.items()}
     joints = []
-    for name, mine in our_hands(seen).items():
-        rows = _with_confidence(mine.hand, views[name])
-        camera = views[name].camera
-        pixels = np.where(rows[:, 2:] > 0, camera.undistort_points(rows[:, :2]), np.nan)
-        flat = camera.without_distortion()
-        joints.append(ImageKeypoints(flat, keypoint_names(), pixels, sigma_px))
+    for _, _, ours in _told_apart(views, session.file.hand.side, {frame: hands}):
+        for name, mine in ours.items():
+            rows, camera = _with_confidence(mine.hand, views[name]), views[name].camera
+            pixels = np.where(rows[:, 2:] > 0, camera.undistort_points(rows[:, :2]), np.nan)
+            flat = camera.without_distortion()
+            joints.append(ImageKeypoints(flat, keypoint_names(), pixels, sigma_px))
     return tuple(joints)
+
+
+def _told_apart(
+    views: Mapping[str, View], side: str, detections: Mapping[int, _Hands]
+) -> Iterator[tuple[int, dict[str, list[HandObservation]], dict[str, HandObservation]]]:
+    """Yield frames, the hands that cameras saw, and which of them is the session's. How probably a hand is of that side is the mean
+    of what images said while it was followed.
+    """
+    said: dict[tuple[str, int], list[float]] = defaultdict(list)
+    for seen in detections.values():
+        for name, hands in seen.items():
+            for number, hand in hands.items():
+                said[name, number].append(log_odds(hand.right, side))
+    odds = {key: float(np.mean(values)) for key, values in said.items()}
+    for frame, seen in detections.items():
+        observed = {
+            name: [HandObservation(views[name].camera, h, odds[name, n]) for n, h in hands.items()]
+            for name, hands in seen.items()
+        }
+        yield frame, observed, our_hands(observed)
 
 
 class JointDetection:
@@ -126,9 +133,9 @@ class JointDetection:
                 f"{session.folder / SESSION_FILE}: the model is {model.name}, but the detector finds hands."
             )
         self.session = session
-        self.views = {view.name: view for view in _views(session, cameras)}
+        self.views = {view.name: view for view in views_with_images(session, cameras)}
         self._followers = {name: HandFollower(detector) for name in self.views}
-        self._detections: dict[int, dict[str, dict[int, DetectedHand]]] = {}
+        self._detections: dict[int, _Hands] = {}
         for camera in self.views:
             name = f"{KEYPOINTS_FOLDER}/{camera}"
             folder = inside(session.folder, name, str(session.folder))
@@ -148,45 +155,29 @@ class JointDetection:
             if image is not None:
                 self._detections[frame][name] = hands
 
-    def write(self) -> list[CameraDetection]:
-        """Write a file for every image that was looked at, with the session's hand or none; return what was found."""
+    def write(self) -> dict[str, Counter[str]]:
+        """Write a file for every image that was looked at, with the session's hand or none; return what was found, by camera and
+        as COUNTED.
+        """
         side = self.session.file.hand.side
-        sides = self._sides(side)
-        found = {name: CameraDetection(name) for name in self.views}
-        for frame, detections in self._detections.items():
-            seen = {
-                name: [
-                    HandObservation(self.views[name].camera, hand, sides[name, number])
-                    for number, hand in hands.items()
-                ]
-                for name, hands in detections.items()
-            }
-            ours = our_hands(seen)
+        counts = {name: Counter[str](dict.fromkeys(COUNTED, 0)) for name in self.views}
+        for frame, seen, ours in _told_apart(self.views, side, self._detections):
             for name, hands in seen.items():
-                view, mine, row = self.views[name], ours.get(name), found[name]
-                row.images += 1
+                view, mine = self.views[name], ours.get(name)
+                found = ["images"]
                 if mine is not None:
-                    row.found += 1
-                elif any(hand.log_odds > 0 for hand in hands):
-                    row.unfit += 1
-                else:
-                    row.other_side += bool(hands)
+                    found.append("found")
+                elif hands:
+                    fits = any(hand.log_odds > 0 for hand in hands)
+                    found.append("unfit" if fits else "other_side")
+                counts[name].update(found)
                 own = view.own_frame(frame)
                 assert own is not None, "it has an image"
                 path = joint_file(self.session.folder, name, own)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 points = None if mine is None else _with_confidence(mine.hand, view)
                 write_points(path, points, LAYOUTS[f"hand_{side}"], _WRITER)
-        return list(found.values())
-
-    def _sides(self, side: str) -> dict[tuple[str, int], float]:
-        """Return the log-odds of our side of each hand of each camera, by its number: the mean while it was followed."""
-        said: dict[tuple[str, int], list[float]] = defaultdict(list)
-        for views in self._detections.values():
-            for name, hands in views.items():
-                for number, hand in hands.items():
-                    said[name, number].append(log_odds(hand.right, side))
-        return {key: float(np.mean(values)) for key, values in said.items()}
+        return counts
 
 
 def joint_pattern(camera: str) -> str:
@@ -235,14 +226,15 @@ def other_joints(session: Session, camera: str) -> str | None:
     return None if pattern == joint_pattern(camera) else pattern
 
 
-def _views(session: Session, cameras: Sequence[str]) -> list[View]:
+def views_with_images(session: Session, cameras: Sequence[str]) -> list[View]:
+    """Return these cameras of a session, all that have images unless named. Raises HandtrackError for one that is none or has none."""
     for name in cameras:
         session.view(name)  # raises for one that there is none of
     chosen = [view for view in session.views if not cameras or view.name in cameras]
     without = [view.name for view in chosen if view.images is None]
     if without and (cameras or len(without) == len(chosen)):
         raise HandtrackError(
-            f"{session.folder / SESSION_FILE}: camera '{without[0]}' has no `images`; a hand is found in images. Name other "
+            f"{session.folder / SESSION_FILE}: camera '{without[0]}' has no `images`, in which the hand is looked for. Name other "
             "cameras with --camera, or give it a video or numbered files."
         )
     return [view for view in chosen if view.images is not None]

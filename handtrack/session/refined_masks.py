@@ -27,8 +27,8 @@ from handtrack.geometry.lens import remap_source
 from handtrack.model.ellipsoids import model_mask
 from handtrack.observation.agreement import outline_errors_px
 from handtrack.observation.observation import Silhouette, undistort_silhouette
-from handtrack.session.detection import camera_changes
-from handtrack.session.layout import MASKS_FOLDER, SESSION_FILE, inside
+from handtrack.session.detection import camera_changes, views_with_images
+from handtrack.session.layout import MASKS_FOLDER, inside
 from handtrack.session.session import Session
 from handtrack.session.session_file import CameraSettings
 from handtrack.session.sources.views import View
@@ -59,14 +59,7 @@ class MaskRefinement:
         joints = [str(name) for name in track.joint_names]
         self._wrist = joints.index("wrist")
         self._knuckles = [joints.index(name) for name in _KNUCKLES]
-        for name in cameras:
-            session.view(name)  # raises for one that there is none of
-        chosen = [v for v in session.views if not cameras or v.name in cameras]
-        self.views = [view for view in chosen if view.images is not None]
-        if not self.views:
-            raise HandtrackError(
-                f"{session.folder / SESSION_FILE}: no camera with `images`; masks are made of images."
-            )
+        self.views = views_with_images(session, cameras)
         for view in self.views:
             folder = self._folder(view)
             if folder.is_dir() and any(folder.iterdir()) and not (folder / _MARK).exists():

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import time
 from argparse import Namespace
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,6 @@ from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.files.toml_edit import edit_toml
 from handtrack.session.detection import (
-    CameraDetection,
     JointDetection,
     camera_changes,
     keypoint_settings,
@@ -72,26 +70,28 @@ def detect(options: Namespace) -> int:
             detection.step(frame)
             bar.update()
         stop.shielded = True
-        rows = detection.write()
+        counts = detection.write()
     seconds = time.monotonic() - started
-    where = [row.camera for row in rows if row.found]
+    where = [camera for camera, row in counts.items() if row["found"]]
     changes = camera_changes(session, where, keypoint_settings)
-    often = [row.camera for row in rows if row.found >= _MOST * row.images]
-    masks = camera_changes(session, [n for n in often if n in where], mask_settings)
+    often = [
+        camera for camera in where if counts[camera]["found"] >= _MOST * counts[camera]["images"]
+    ]
+    masks = camera_changes(session, often, mask_settings)
     if options.masks:
         changes |= masks
     by = " Masks are made by them (method seeded)." if options.masks and masks else ""
     used = f"{by} `handtrack track` takes them beside all else."
     to_use = _used(session, changes, options.write, used) if changes else []
-    note(*_notes(session, rows), *session.warnings)
-    cameras = {row.camera: asdict(row) for row in rows}
+    note(*_notes(session, counts), *session.warnings)
+    cameras = {camera: {"camera": camera, **row} for camera, row in counts.items()}
     report = {
         "cameras": cameras, "session_file": changes, "written": options.write, "seconds": seconds,
         "backend": detector.backend, "interrupted": stop.asked,
     }  # fmt: skip
     lines = [
-        f"{row.camera}: found in {row.found} of {row.images} images ({100 * row.found / max(row.images, 1):.1f} %)."
-        for row in rows
+        f"{camera}: found in {row['found']} of {row['images']} images ({100 * row['found'] / max(row['images'], 1):.1f} %)."
+        for camera, row in counts.items()
     ]
     lines += [f"Joints are in {session.folder / KEYPOINTS_FOLDER}.", *to_use]
     if masks and not options.masks:
@@ -117,25 +117,25 @@ def _used(session: Session, changes: dict[str, Any], writes: bool, used: str) ->
     return lines
 
 
-def _notes(session: Session, detections: Sequence[CameraDetection]) -> list[str]:
+def _notes(session: Session, counts: Mapping[str, Mapping[str, int]]) -> list[str]:
     side = session.file.hand.side
     other = {"right": "left", "left": "right"}[side]
     notes = []
-    for row in detections:
-        if row.other_side:
+    for camera, row in counts.items():
+        if row["other_side"]:
             notes.append(
-                f"camera '{row.camera}': in {row.other_side} images all hands look like {other} ones, so they were left out. "
+                f"camera '{camera}': in {row['other_side']} images all hands look like {other} ones, so they were left out. "
                 f'If one of them is the session\'s, write side = "{other}" in [hand] of {SESSION_FILE}; mirrored images look so, too.'
             )
-        if row.unfit:
+        if row["unfit"]:
             notes.append(
-                f"camera '{row.camera}': in {row.unfit} images a {side} hand was detected that disagrees with the other cameras; "
+                f"camera '{camera}': in {row['unfit']} images a {side} hand was detected that disagrees with the other cameras; "
                 "it was left out. If there is only one hand, check the cameras' synchronisation and the calibration."
             )
-        already = other_joints(session, row.camera)
-        if row.found and already is not None:
+        already = other_joints(session, camera)
+        if row["found"] and already is not None:
             notes.append(
-                f"camera '{row.camera}' already has keypoints = \"{already}\"; that is unchanged."
+                f"camera '{camera}' already has keypoints = \"{already}\"; that is unchanged."
             )
     return notes
 

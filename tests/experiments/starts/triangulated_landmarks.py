@@ -64,8 +64,7 @@ def triangulated_landmarks() -> dict[str, object]:
         points = triangulated_points(session)[truth.frame]
         tracks = {use: tracked_with(session, settings) for use, settings in USES.items()}
         in_time = triangulated_points(session, LATE_S)[truth.frame]
-        names = [camera.name for camera in session.file.cameras]
-        lags = {f"camera.{names.index(name)}.lag_s": lag for name, lag in LATE_S.items()}
+        lags = camera_changes(session, LATE_S, lambda camera: {"lag_s": LATE_S[camera.name]})
         edit_toml(session.folder / SESSION_FILE, lags, "a session's settings")
         tracks["times_given_joints"] = tracked_with(Session.open(session.folder), USES["joints"])
     assert truth.keypoints21 is not None
@@ -111,7 +110,7 @@ def detected_session(source: Path, folder: Path) -> tuple[Session, Truth]:
     detection = JointDetection(session, detector)
     for frame in session.frame_range:
         detection.step(frame)
-    where = [row.camera for row in detection.write() if row.found]
+    where = [camera for camera, row in detection.write().items() if row["found"]]
     changes = camera_changes(session, where, keypoint_settings)
     edit_toml(folder / SESSION_FILE, changes, "a session's settings")
     return Session.open(folder), truth
