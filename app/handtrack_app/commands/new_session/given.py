@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ import numpy as np
 from handtrack.capture.calibration.formats.imported_rig import ImportedRig
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.resolve import (
-    LensView,
     Unit,
     named,
     pinholes,
@@ -22,46 +21,44 @@ from handtrack.capture.calibration.formats.resolve import (
 )
 from handtrack.capture.images.openpose import LAYOUTS, height
 from handtrack.capture.joints.pose2sim import Pose2SimProject, read_pose2sim
-from handtrack.capture.joints.subject import BODY, HAND, subject_length
+from handtrack.capture.joints.subject import BODY, HAND, Subject, subject_length
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.session import Session
 from handtrack.session.session_file import BODY_TRACKING, is_definition
 from handtrack_app.commands.new_session.recordings import (
-    GivenSubject,
+    Recorded,
+    Recording,
+    in_views,
     joint_regions,
-    subject_in_views,
+    joints_of,
+    sizes_of,
 )
 from handtrack_app.commands.terminal.output import can_ask, confirmed, print_status, question
 
 
 def given_rig(
-    options: Namespace,
-    sizes: Mapping[str, tuple[int, int]],
-    cameras: Sequence[str],
-    subject: GivenSubject,
-) -> tuple[CameraRig, GivenSubject, dict[str, LensView], list[str]]:
-    """Return all cameras of the calibration, with the recording's names, in metres; the subject with its joints in their images;
-    which of them are pinhole views of other lenses; and what was assumed, in sentences.
+    options: Namespace, recording: Recording, kind: Subject
+) -> tuple[CameraRig, dict[str, Recorded], list[str]]:
+    """Return all cameras of the calibration, with the recording's names, in metres; the recording as they see it, some perhaps in
+    pinhole views of other lenses; and what was assumed, in sentences.
 
-    sizes: [px] of the recorded cameras' images, where there are some. subject: what is tracked, with its joints. Raises
-    HandtrackError where something cannot be known.
+    kind: what is tracked. Raises HandtrackError where something cannot be known.
     """
     paths, unit_m = options.calibration, options.world_unit_m
     where = " and ".join(map(str, paths))
     try:
-        given, assumed = named(read_calibration(paths), cameras, where)
+        given, assumed = named(read_calibration(paths), list(recording), where)
         given = _with_lens(given, options.lens, where)
-        given = sized(given, sizes, where)
-        shown, views = pinholes(given, joint_regions(subject, given))
-        subject = subject_in_views(subject, views)
-        in_units = shown.rig(1.0)
-        length = _length(in_units, subject)
-        unit = unit_of(given, length, subject.kind) if unit_m is None else Unit(unit_m, True, "")
+        given = sized(given, sizes_of(recording), where)
+        shown, views = pinholes(given, joint_regions(recording, given))
+        seen = in_views(recording, views)
+        length = _length(shown.rig(1.0), seen, kind)
+        unit = unit_of(given, length, kind) if unit_m is None else Unit(unit_m, True, "")
         chosen = (
             unit.unit_m
             if unit.sure and unit.unit_m
-            else _asked(unit, where, options.yes, subject.kind.word)
+            else _asked(unit, where, options.yes, kind.word)
         )
         rig = shown.rig(chosen)
     except HandtrackError as error:
@@ -73,27 +70,27 @@ def given_rig(
         assumed,
         f"unit: {unit.why if unit.sure else f'{chosen:g} m.'}" if unit_m is None else "",
     ]
-    if length is not None and not subject.kind.fits(length * chosen):
+    if length is not None and not kind.fits(length * chosen):
         notes.append(
-            f"note: with {chosen:g} m a unit, the joints make a {subject.kind.word} {100 * length * chosen:.3g} cm long; expected "
-            f"{subject.kind.range_words}. Is the unit right, and do cameras, joints and frames belong together?"
+            f"note: with {chosen:g} m a unit, the joints make a {kind.word} {100 * length * chosen:.3g} cm long; expected "
+            f"{kind.range_words}. Is the unit right, and do cameras, joints and frames belong together?"
         )
     for name, lens in {view.name: lens for lens, view in views.values()}.items():
         tiles = [(tile, view.size) for tile, (_, view) in views.items() if view.name == name]
         shown = ", ".join(f"{tile} ({w} × {h})" for tile, (w, h) in tiles)
-        kind = "a fisheye lens" if lens.fisheye else "a lens with skew"
+        bent = "a fisheye lens" if lens.fisheye else "a lens with skew"
         notes.append(
-            f"camera '{name}' has {kind}: its images are undistorted to a pinhole view, {shown}."
+            f"camera '{name}' has {bent}: its images are undistorted to a pinhole view, {shown}."
         )
-    return rig, subject, views, [text for text in notes if text not in ("", "unit: ")]
+    return rig, seen, [text for text in notes if text not in ("", "unit: ")]
 
 
-def _length(rig: CameraRig, subject: GivenSubject) -> float | None:
+def _length(rig: CameraRig, recording: Recording, kind: Subject) -> float | None:
     """Return how long what is tracked is, in the rig's unit, where joints tell it."""
-    observed = {name: joints for name, joints in subject.joints.items() if name in rig}
+    observed = {name: joints for name, joints in joints_of(recording).items() if name in rig}
     pixels = {name: joints.pixels(rig[name].size) for name, joints in observed.items()}
     layouts = {name: LAYOUTS[joints.layout(USUAL)] for name, joints in observed.items()}
-    return subject_length(rig, pixels, layouts, subject.kind)
+    return subject_length(rig, pixels, layouts, kind)
 
 
 def _with_lens(given: ImportedRig, lens: str | None, where: str) -> ImportedRig:
@@ -157,14 +154,14 @@ def definition_of(model: str) -> Path | None:
 
 
 def tracking_of(
-    subject: GivenSubject, sizes: Mapping[str, tuple[int, int]]
+    kind: Subject, recording: Recording, sizes: Mapping[str, tuple[int, int]]
 ) -> Mapping[str, object]:
     """Return [tracking] of what is tracked: of a body as coarse as it is large. sizes: of cameras' images [px]."""
-    if subject.kind is not BODY:
+    if kind is not BODY:
         return {}
     heights = [
         height(points)
-        for name, joints in subject.joints.items()
+        for name, joints in joints_of(recording).items()
         for points in joints.pixels(sizes[name]).values()
     ]
     if not heights:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,17 +41,16 @@ from handtrack_app.commands.new_session.given import (
     tracking_of,
 )
 from handtrack_app.commands.new_session.recordings import (
-    CameraJoints,
     Given,
-    Recorded,
+    Recording,
     check_sizes,
     copied,
-    given_subject,
-    in_views,
-    linked_setting,
+    joints_of,
     recorded_cameras,
-    settings_of,
+    setting_of,
+    sizes_of,
     table_to_fill_in,
+    with_joints,
     without_padding,
 )
 from handtrack_app.commands.terminal.output import answer, check_new, new_folder, print_status
@@ -75,28 +73,29 @@ def make_session(options: Namespace) -> int:
         kind = BODY if load_model(options.model).kind == "body" else HAND
     try:
         likely = None if project is None else project.layout
-        subject = given_subject(options, recorded, kind, likely)
+        kind, recorded = with_joints(options, recorded, kind, likely)
     except UnknownPoints as error:
         table = options.out.resolve().with_name(f"{options.out.resolve().name}-names.toml")
         if options.names is None and not table.exists():
             table.write_text(table_to_fill_in(error.names), encoding="utf-8")
         raise HandtrackError(f"{error} Fill in {table}, and give it with --names.") from None
-    is_hand = subject.kind is HAND
-    said = (options.side or subject.side) if is_hand else None
+    is_hand = kind is HAND
+    said = None
+    if is_hand:
+        sides = (joints.side for joints in joints_of(recorded).values() if joints.side)
+        said = options.side or next(sides, None)
     side = said or USUAL
     truth, note = (None, "") if options.truth is None else import_truth(options.truth, side)
-    rig, subject, views, notes = given_rig(options, _sizes(recorded), list(recorded), subject)
-    joints = subject.joints
-    recorded = in_views(recorded, views)
-    sizes = _sizes(recorded)
+    rig, recorded, notes = given_rig(options, recorded, kind)
     observed = [
-        name for name, cam in recorded.items() if is_hand and cam.images and name not in joints
+        name for name, cam in recorded.items() if is_hand and cam.images and cam.joints is None
     ]
-    rig, padded = without_padding(rig, recorded)
+    sizes = sizes_of(recorded)
+    rig, padded = without_padding(rig, sizes)
     _check_cameras(recorded, rig, options)
+    sizes = {camera.name: camera.size for camera in rig} | sizes
     fps, own = _frame_rates(options.fps, recorded)
     missing = check_detector(options, options.track and bool(observed))
-    scaled = {name: size for name, size in sizes.items() if size != rig[name].size}
     if options.masks == Seeded.name and options.track and observed and missing:
         raise HandtrackError(
             f"--masks {options.masks}: masks by joints, and there are none: {missing}"
@@ -104,16 +103,14 @@ def make_session(options: Namespace) -> int:
     method, masks = options.masks or (_WITHOUT_JOINTS if is_hand else "none"), None
     if method != "none":
         masks = read_table(METHODS[method], {}, f"--masks {method}")
-    files, roots = dict[str, Path](), list[Path]()
+    files = dict[str, Path]()
+    given = [one for cam in recorded.values() for one in cam.files]
+    roots = [one.files[0].resolve().parent for one in given] if options.link else []
 
-    def setting(given: Given | None, place: str) -> str | None:
-        if given is None:
+    def setting(one: Given | None, place: str) -> str | None:
+        if one is None:
             return None
-        if options.link:
-            text, root = linked_setting(given)
-            roots.append(root)
-            return text
-        text, names = settings_of(given, place)
+        text, names = setting_of(one, place, options.link)
         files.update(names)
         return text
 
@@ -124,12 +121,12 @@ def make_session(options: Namespace) -> int:
             name,
             setting(cam.images, _place(i, cam.camera)),
             masks if cam.images else None,
-            lens=LensSettings.of(*views[name]) if name in views and cam.images else None,
-            image_size=scaled.get(name),
+            lens=LensSettings.of(*cam.view) if cam.view and cam.images else None,
+            image_size=sizes[name] if sizes[name] != rig[name].size else None,
             depth=setting(cam.depth, f"depth/{_place(i, name)}"),
             depth_scale_m=options.depth_scale if cam.depth else None,
-            keypoints=f"joints/{_place(i, name)}/*.json" if name in joints else None,
-            keypoint_layout=joints[name].layout(side) if name in joints else None,
+            keypoints=f"joints/{_place(i, name)}/*.json" if cam.joints else None,
+            keypoint_layout=cam.joints.layout(side) if cam.joints else None,
             fps=own.get(name),
             lag_s=lags.get(name),
         )
@@ -145,18 +142,17 @@ def make_session(options: Namespace) -> int:
     with new_folder(options.out) as folder:
         write_rig(folder / CALIBRATION_FILE, rig)
         copied(files, folder)
-        for i, name in enumerate(recorded):
-            if name in joints:
-                size = sizes.get(name, rig[name].size)
-                joints[name].write(folder / "joints" / _place(i, name), side, size)
+        for i, (name, cam) in enumerate(recorded.items()):
+            if cam.joints is not None:
+                cam.joints.write(folder / "joints" / _place(i, name), side, sizes[name])
         if truth is not None:
             write_truth(folder / TRUTH_FILE, truth)
-        model = options.model or USUAL_MODELS[subject.kind]
+        model = options.model or USUAL_MODELS[kind]
         if definition is not None:
             model = definition.name
             copied({model: definition}, folder)
         hand = HandSettings(model, side, scale="fit")
-        tracking = tracking_of(subject, {n: sizes.get(n, rig[n].size) for n in joints})
+        tracking = tracking_of(kind, recorded, sizes)
         file = SessionFile(recording, hand, cameras, clouds, tracking)
         write_session_file(folder / SESSION_FILE, file)
         if roots:
@@ -165,15 +161,17 @@ def make_session(options: Namespace) -> int:
         count = session.frame_count
         for text in session.warnings:
             print_status(f"note: {text}")
-        if said is None and observed and not joints and not missing:
+        if said is None and observed and not joints_of(recorded) and not missing:
             result = side_of_hand(session, options)
             file = replace(file, hand=replace(hand, side=result))
         if options.masks is None and is_hand:
-            file = _with_masks_by_joints(file, session, joints)
+            file = _with_masks_by_joints(file, session, recorded)
         write_session_file(folder / SESSION_FILE, file)
     if roots:
         allow_links(options.out, roots)
-    made = f"session of {len(cameras)} cameras and {count} frames of a {subject.kind.word} in {options.out}."
+    made = (
+        f"session of {len(cameras)} cameras and {count} frames of a {kind.word} in {options.out}."
+    )
     if not options.track:
         if observed and options.masks in (None, Seeded.name) and not missing:
             print_status(
@@ -189,7 +187,7 @@ def make_session(options: Namespace) -> int:
             options.json,
             report,
             f"{made} Look at it with: handtrack doctor {options.out}; then track it with: handtrack track {options.out} --init auto, "
-            f"or pose the {subject.kind.word} by hand with: handtrack open {options.out}",
+            f"or pose the {kind.word} by hand with: handtrack open {options.out}",
         )
         return 0
     print_status(made)
@@ -205,14 +203,9 @@ def make_session(options: Namespace) -> int:
     return next(filter(None, map(main, then)), 0)
 
 
-def _sizes(recorded: Mapping[str, Recorded]) -> dict[str, tuple[int, int]]:
-    return {name: cam.size for name, cam in recorded.items() if cam.size is not None}
-
-
-def _with_masks_by_joints(
-    file: SessionFile, session: Session, joints: Mapping[str, CameraJoints]
-) -> SessionFile:
+def _with_masks_by_joints(file: SessionFile, session: Session, recorded: Recording) -> SessionFile:
     """Return a session's settings with masks seeded by the joints of each camera that has them in most of its images."""
+    joints = joints_of(recorded)
 
     def has_joints(camera: CameraSettings) -> bool:
         if camera.images is None or camera.name not in joints:
@@ -226,7 +219,7 @@ def _with_masks_by_joints(
     return replace(file, cameras=tuple(changed))
 
 
-def _check_cameras(recorded: Mapping[str, Recorded], rig: CameraRig, options: Namespace) -> None:
+def _check_cameras(recorded: Recording, rig: CameraRig, options: Namespace) -> None:
     """Raise HandtrackError for a camera that the calibration lacks, or whose images are not of its size."""
     for name, cam in recorded.items():
         if name not in rig:
@@ -239,7 +232,7 @@ def _check_cameras(recorded: Mapping[str, Recorded], rig: CameraRig, options: Na
         check_sizes(cam, rig[name], options.scaled)
 
 
-def _check_depth(recorded: Mapping[str, Recorded], scale: float | None) -> None:
+def _check_depth(recorded: Recording, scale: float | None) -> None:
     deep = [cam.depth for cam in recorded.values() if cam.depth is not None]
     if deep and scale is None:
         raise HandtrackError(
@@ -250,9 +243,7 @@ def _check_depth(recorded: Mapping[str, Recorded], scale: float | None) -> None:
         raise HandtrackError("--depth-scale is about depth files, but no --depth is given.")
 
 
-def _frame_rates(
-    asked: float | None, recorded: Mapping[str, Recorded]
-) -> tuple[float, dict[str, float]]:
+def _frame_rates(asked: float | None, recorded: Recording) -> tuple[float, dict[str, float]]:
     """Return the session's frames a second, and those of cameras that differ."""
     if asked is not None:
         return asked, {}

@@ -53,195 +53,6 @@ class Given:
 
 
 @dataclass(frozen=True)
-class Recorded:
-    """All that is given of one camera."""
-
-    camera: str
-    """its name in the options"""
-    images: Given | None = None
-    depth: Given | None = None
-    keypoints: str | None = None
-    view_size: tuple[int, int] | None = None
-    """width, height [px], where it is a view of that camera's images"""
-
-    @property
-    def size(self) -> tuple[int, int] | None:
-        """Width, height [px] of what is tracked: of what was taken, or of a pinhole view of it."""
-        if self.view_size is not None:
-            return self.view_size
-        return next((given.size for given in (self.images, self.depth) if given is not None), None)
-
-
-def recorded_cameras(options: Namespace) -> dict[str, Recorded]:
-    """Return what is given by camera, in the order of the options: each a file or a pattern. Raises HandtrackError."""
-    cameras: dict[str, Recorded] = {}
-    taken: dict[Path, str] = {}
-    for option, files in ((_VIDEO, options.video), (_IMAGES, options.images)):
-        for camera, text in files.items():
-            where, place = f"{option} {camera}={text}", Path(text).resolve()
-            if camera in cameras:
-                raise HandtrackError(f"{where}: a second video of the camera '{camera}'.")
-            if place in taken:
-                raise HandtrackError(
-                    f"{where}: that is the video of the camera '{taken[place]}' already; expected another one."
-                )
-            taken[place] = camera
-            cameras[camera] = Recorded(camera, _opened(option, text, where))
-    for camera, text in options.depth.items():
-        observed = cameras.get(camera, Recorded(camera))
-        given = _opened(_DEPTH, text, f"{_DEPTH} {camera}={text}")
-        cameras[camera] = replace(observed, depth=given)
-    for camera, file in options.keypoints.items():
-        observed = cameras.get(camera, Recorded(camera))
-        cameras[camera] = replace(observed, keypoints=file)
-    if not cameras:
-        raise HandtrackError(
-            "nothing was recorded: give each camera's images with --video CAMERA=FILE or --images CAMERA='folder/*.png', its "
-            "--depth or its --keypoints."
-        )
-    return cameras
-
-
-def in_views(
-    recorded: Mapping[str, Recorded], views: Mapping[str, LensView]
-) -> dict[str, Recorded]:
-    """Return what is given by camera with each bent lens's images once for each pinhole view of them. Raises HandtrackError
-    for depth, which is measured along the axis of the lens and not of the view.
-    """
-    lenses = {view.name: lens for lens, view in views.values()}
-    results = {}
-    for name, cam in recorded.items():
-        lens = lenses.get(name)
-        if lens is not None and cam.depth is not None:
-            raise HandtrackError(
-                f"{cam.depth.where}: depth of a fisheye lens, or of one with skew, is not read. Give its point clouds "
-                "instead."
-            )
-        if lens is not None and cam.images is not None and cam.size not in (None, lens.size):
-            (w, h), (width, height) = cam.size or (0, 0), lens.size
-            raise HandtrackError(
-                f"{cam.images.where}: images of {w} x {h}; its fisheye lens is calibrated for {width} x {height}. Calibrate it at "
-                "the size that it records."
-            )
-        sizes = {tile: view.size for tile, (_, view) in views.items() if view.name == name}
-        for tile, size in (sizes or {name: None}).items():
-            results[tile] = replace(cam, view_size=size)
-    return results
-
-
-def _opened(option: str, text: str, where: str) -> Given:
-    """Return an option with its files and the size of its images; the files are closed again."""
-    if option == _VIDEO:
-        video = VideoFile(Path(text), None, where)
-        video.close()
-        return Given(option, where, (Path(text),), video.size, video.nominal_fps)
-    files = image_files(text, where)
-    kind = DEPTH if option == _DEPTH else COLOUR
-    return Given(option, where, files, ImageFiles(list(files), kind, None, where).size)
-
-
-def image_files(text: str, where: str) -> tuple[Path, ...]:
-    """Return the image files of a pattern, or of a folder. Raises HandtrackError where there are none."""
-    pattern = os.path.join(glob.escape(text), "*") if os.path.isdir(text) else text
-    paths = [Path(name) for name in sorted(glob.glob(pattern))]
-    files = tuple(p for p in paths if p.is_file() and p.suffix.lower() in IMAGE_SUFFIXES)
-    if not files:
-        there = f"{len(paths)} other files match" if paths else "nothing matches"
-        raise HandtrackError(
-            f"{where}: {there}; expected numbered images ({', '.join(IMAGE_SUFFIXES)}), such as 'left/*.png'. Quote the pattern."
-        )
-    if len({path.parent for path in files}) > 1 or len({path.suffix for path in files}) > 1:
-        raise HandtrackError(
-            f"{where}: files of several folders or kinds; expected those of one, such as 'left/*.png'."
-        )
-    return files
-
-
-def check_sizes(recorded: Recorded, camera: Camera, scaled: bool) -> None:
-    """Raise HandtrackError where images are not of the calibration's size. scaled: whether they may be it, scaled."""
-    for given in (recorded.images, recorded.depth):
-        if given is None or given.size in (None, camera.size) or recorded.view_size is not None:
-            continue
-        if scaled and scaled_by(camera.size, given.size) is not None:
-            continue
-        if given.option == _VIDEO:
-            VideoFile(given.files[0], camera.size, given.where)  # says what is wrong with it
-        kind = DEPTH if given.option == _DEPTH else COLOUR
-        source = ImageFiles(list(given.files), kind, camera.size, given.where)
-        source.size  # noqa: B018  says what is wrong with it
-
-
-def without_padding(
-    rig: CameraRig, recorded: Mapping[str, Recorded]
-) -> tuple[CameraRig, list[str]]:
-    """Return the rig with the sizes of images that differ from the calibration's by a codec's padding alone; and what was
-    assumed, in sentences.
-
-    Video is coded in blocks of 16 pixels (ITU-T H.264, 7.3.2.1.1), filled up at the right and below: what one program shows as
-    1080 columns another one gives as 1088. The matrix is the same for both.
-    """
-    cameras, notes = [], list[str]()
-    for camera in rig:
-        size = recorded[camera.name].size if camera.name in recorded else None
-        if size is not None and size != camera.size and _differs_by_padding(size, camera.size):
-            notes.append(
-                f"camera '{camera.name}': images of {size[0]} × {size[1]}, calibrated for {camera.size[0]} × {camera.size[1]}: the "
-                "difference is taken to be a codec's padding at the right and below."
-            )
-            camera = replace(camera, size=size)
-        cameras.append(camera)
-    return CameraRig(tuple(cameras)), notes
-
-
-def _differs_by_padding(size: tuple[int, int], calibrated: tuple[int, int]) -> bool:
-    pairs = [sorted(pair) for pair in zip(size, calibrated, strict=True)]
-    return all(more in (less, -(-less // _BLOCK_PX) * _BLOCK_PX) for less, more in pairs)
-
-
-def settings_of(given: Given, folder: str) -> tuple[str, Mapping[str, Path]]:
-    """Return what session.toml says of files that are copied, and the files by their new names.
-
-    folder: below the session's, for several.
-    """
-    if given.option == _VIDEO:
-        (path,) = given.files
-        name = f"{folder}{path.suffix.lower()}"
-        return name, {name: path}
-    suffix = given.files[0].suffix
-    names = {f"{folder}/{path.name}": path for path in given.files}
-    return f"{folder}/*{suffix}", names
-
-
-def linked_setting(given: Given) -> tuple[str, Path]:
-    """Return what session.toml says of files that stay where they are, an absolute path or pattern, and their folder.
-
-    Raises HandtrackError for a path that reads as a pattern, which only copies may have.
-    """
-    first = given.files[0].resolve()
-    if is_pattern(str(first)):
-        raise HandtrackError(
-            f"{given.where}: a path with *, ? or [ cannot be linked. Rename it, or leave out --link."
-        )
-    name = first.name if given.option == _VIDEO else f"*{given.files[0].suffix}"
-    return (first.parent / name).as_posix(), first.parent
-
-
-def copied(files: Mapping[str, Path], folder: Path) -> None:
-    """Copy files into a session, saying so."""
-    said = set[Path]()
-    for name, path in files.items():
-        target = folder / name
-        if target.parent not in said or target.parent == folder:
-            print_status(f"copying {path if target.parent == folder else path.parent} …")
-            said.add(target.parent)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, target)
-
-
-# ---- The 2D joints that `handtrack new` is given, of one hand or one person in all cameras
-
-
-@dataclass(frozen=True)
 class CameraJoints:
     """The points of a hand or a person in one camera's images."""
 
@@ -278,25 +89,226 @@ class CameraJoints:
 
 
 @dataclass(frozen=True)
-class GivenSubject:
-    """What is tracked, and where cameras saw its joints."""
+class Recorded:
+    """All that is given of one camera, or of a pinhole view of it."""
 
-    kind: Subject
-    joints: Mapping[str, CameraJoints]
+    camera: str
+    """its name in the options"""
+    images: Given | None = None
+    depth: Given | None = None
+    keypoints: str | None = None
+    joints: CameraJoints | None = None
+    """in its images"""
+    view: LensView | None = None
 
     @property
-    def side(self) -> str | None:
-        """Which hand it is, where a file says it."""
-        return next((joints.side for joints in self.joints.values() if joints.side), None)
+    def files(self) -> list[Given]:
+        """Its images and its depth, as far as they are given."""
+        return [given for given in (self.images, self.depth) if given is not None]
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width, height [px] of what is tracked: of what was taken, or of a pinhole view of it."""
+        if self.view is not None:
+            return self.view[1].size
+        return next((given.size for given in self.files), None)
+
+
+Recording = Mapping[str, Recorded]
+"""what is given of all cameras, by name"""
+
+
+def sizes_of(recording: Recording) -> dict[str, tuple[int, int]]:
+    """Return width, height [px] of the images, of cameras that have some."""
+    return {name: cam.size for name, cam in recording.items() if cam.size is not None}
+
+
+def joints_of(recording: Recording) -> dict[str, CameraJoints]:
+    """Return the joints of cameras that have some."""
+    return {name: cam.joints for name, cam in recording.items() if cam.joints is not None}
+
+
+def recorded_cameras(options: Namespace) -> dict[str, Recorded]:
+    """Return what is given by camera, in the order of the options: each a file or a pattern. Raises HandtrackError."""
+    cameras: dict[str, Recorded] = {}
+    taken: dict[Path, str] = {}
+    for option, files in ((_VIDEO, options.video), (_IMAGES, options.images)):
+        for camera, text in files.items():
+            where, place = f"{option} {camera}={text}", Path(text).resolve()
+            if camera in cameras:
+                raise HandtrackError(f"{where}: a second video of the camera '{camera}'.")
+            if place in taken:
+                raise HandtrackError(
+                    f"{where}: that is the video of the camera '{taken[place]}' already; expected another one."
+                )
+            taken[place] = camera
+            cameras[camera] = Recorded(camera, _opened(option, text, where))
+    for camera in {**options.depth, **options.keypoints}:
+        depth = text = options.depth.get(camera)
+        if text is not None:
+            depth = _opened(_DEPTH, text, f"{_DEPTH} {camera}={text}")
+        observed = cameras.get(camera, Recorded(camera))
+        cameras[camera] = replace(observed, depth=depth, keypoints=options.keypoints.get(camera))
+    if not cameras:
+        raise HandtrackError(
+            "nothing was recorded: give each camera's images with --video CAMERA=FILE or --images CAMERA='folder/*.png', its "
+            "--depth or its --keypoints."
+        )
+    return cameras
+
+
+def in_views(recording: Recording, views: Mapping[str, LensView]) -> dict[str, Recorded]:
+    """Return what is given by camera, with each bent lens's images and joints once for each pinhole view of them."""
+    results = {}
+    for name, cam in recording.items():
+        tiles = {tile: view for tile, view in views.items() if view[1].name == name}
+        for tile, view in tiles.items():
+            results[tile] = replace(
+                cam, view=view, joints=cam.joints and _in_view(cam.joints, view)
+            )
+        if not tiles:
+            results[name] = cam
+    return results
+
+
+def _in_view(joints: CameraJoints, view: LensView) -> CameraJoints:
+    """Return joints of a bent image where a pinhole view of it shows them."""
+    (lens, camera), frames = view, dict[int, Floats[N, D3]]()
+    for frame, points in joints.pixels(view[0].size).items():
+        frames[frame] = moved = points.copy()
+        moved[:, :2] = camera.project(lens.rays(points[:, :2]))
+        inside = ((moved[:, :2] > -0.5) & (moved[:, :2] < np.array(camera.size) - 0.5)).all(axis=1)
+        moved[~inside] = [np.nan, np.nan, 0.0]
+    return replace(joints, frames=frames, is_share=False)
+
+
+def _opened(option: str, text: str, where: str) -> Given:
+    """Return an option with its files and the size of its images; the files are closed again."""
+    if option == _VIDEO:
+        video = VideoFile(Path(text), None, where)
+        video.close()
+        return Given(option, where, (Path(text),), video.size, video.nominal_fps)
+    files = image_files(text, where)
+    kind = DEPTH if option == _DEPTH else COLOUR
+    return Given(option, where, files, ImageFiles(list(files), kind, None, where).size)
+
+
+def image_files(text: str, where: str) -> tuple[Path, ...]:
+    """Return the image files of a pattern, or of a folder. Raises HandtrackError where there are none."""
+    pattern = os.path.join(glob.escape(text), "*") if os.path.isdir(text) else text
+    paths = [Path(name) for name in sorted(glob.glob(pattern))]
+    files = tuple(p for p in paths if p.is_file() and p.suffix.lower() in IMAGE_SUFFIXES)
+    if not files:
+        there = f"{len(paths)} other files match" if paths else "nothing matches"
+        raise HandtrackError(
+            f"{where}: {there}; expected numbered images ({', '.join(IMAGE_SUFFIXES)}), such as 'left/*.png'. Quote the pattern."
+        )
+    if len({path.parent for path in files}) > 1 or len({path.suffix for path in files}) > 1:
+        raise HandtrackError(
+            f"{where}: files of several folders or kinds; expected those of one, such as 'left/*.png'."
+        )
+    return files
+
+
+def check_sizes(recorded: Recorded, camera: Camera, scaled: bool) -> None:
+    """Raise HandtrackError where images are not of the calibration's size. scaled: whether they may be it, scaled. Depth is measured
+    along the axis of the lens and not of a view of it.
+    """
+    if recorded.view is not None:
+        lens, images, depth = recorded.view[0], recorded.images, recorded.depth
+        if depth is not None:
+            raise HandtrackError(
+                f"{depth.where}: depth of a fisheye lens, or of one with skew, is not read. Give its point clouds "
+                "instead."
+            )
+        if images is not None and images.size is not None and images.size != lens.size:
+            (w, h), (width, height) = images.size, lens.size
+            raise HandtrackError(
+                f"{images.where}: images of {w} x {h}; its fisheye lens is calibrated for {width} x {height}. Calibrate it at "
+                "the size that it records."
+            )
+        return
+    for given in recorded.files:
+        if given.size in (None, camera.size):
+            continue
+        if scaled and scaled_by(camera.size, given.size) is not None:
+            continue
+        if given.option == _VIDEO:
+            VideoFile(given.files[0], camera.size, given.where)  # says what is wrong with it
+        kind = DEPTH if given.option == _DEPTH else COLOUR
+        source = ImageFiles(list(given.files), kind, camera.size, given.where)
+        source.size  # noqa: B018  says what is wrong with it
+
+
+def without_padding(
+    rig: CameraRig, sizes: Mapping[str, tuple[int, int]]
+) -> tuple[CameraRig, list[str]]:
+    """Return the rig with the sizes of images that differ from the calibration's by a codec's padding alone; and what was
+    assumed, in sentences. sizes: of the images [px], by camera.
+
+    Video is coded in blocks of 16 pixels (ITU-T H.264, 7.3.2.1.1), filled up at the right and below: what one program shows as
+    1080 columns another one gives as 1088. The matrix is the same for both.
+    """
+    cameras, notes = [], list[str]()
+    for camera in rig:
+        size = sizes.get(camera.name, camera.size)
+        if size != camera.size and _differs_by_padding(size, camera.size):
+            notes.append(
+                f"camera '{camera.name}': images of {size[0]} × {size[1]}, calibrated for {camera.size[0]} × {camera.size[1]}: the "
+                "difference is taken to be a codec's padding at the right and below."
+            )
+            camera = replace(camera, size=size)
+        cameras.append(camera)
+    return CameraRig(tuple(cameras)), notes
+
+
+def _differs_by_padding(size: tuple[int, int], calibrated: tuple[int, int]) -> bool:
+    pairs = [sorted(pair) for pair in zip(size, calibrated, strict=True)]
+    return all(more in (less, -(-less // _BLOCK_PX) * _BLOCK_PX) for less, more in pairs)
+
+
+def setting_of(given: Given, folder: str, is_linked: bool) -> tuple[str, dict[str, Path]]:
+    """Return what session.toml says of files, and those to be copied by their new names.
+
+    folder: below the session's, for several. is_linked: they stay where they are, at an absolute path or pattern. Raises
+    HandtrackError for a path that reads as a pattern, which only copies may have.
+    """
+    first, is_video = given.files[0], given.option == _VIDEO
+    if is_linked:
+        first = first.resolve()
+        if is_pattern(str(first)):
+            raise HandtrackError(
+                f"{given.where}: a path with *, ? or [ cannot be linked. Rename it, or leave out --link."
+            )
+        return (first if is_video else first.with_name(f"*{first.suffix}")).as_posix(), {}
+    if is_video:
+        name = f"{folder}{first.suffix.lower()}"
+        return name, {name: first}
+    return f"{folder}/*{first.suffix}", {f"{folder}/{path.name}": path for path in given.files}
+
+
+def copied(files: Mapping[str, Path], folder: Path) -> None:
+    """Copy files into a session, saying so."""
+    said = set[Path]()
+    for name, path in files.items():
+        target = folder / name
+        if target.parent not in said or target.parent == folder:
+            print_status(f"copying {path if target.parent == folder else path.parent} …")
+            said.add(target.parent)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target)
+
+
+# ---- The 2D joints that `handtrack new` is given, of one hand or one person in all cameras
 
 
 def joint_regions(
-    subject: GivenSubject, rig: ImportedRig
+    recording: Recording, rig: ImportedRig
 ) -> dict[str, tuple[float, float, float, float]]:
     """Return x, y, width, height [px] around all joints of each camera, half as much again on each side, inside its images."""
     sizes = {str(camera.name): camera.size for camera in rig.cameras}
     regions = {}
-    for name, joints in subject.joints.items():
+    for name, joints in joints_of(recording).items():
         if (size := sizes.get(name)) is None:
             continue
         points = np.concatenate(list(joints.pixels(size).values()))
@@ -310,33 +322,10 @@ def joint_regions(
     return regions
 
 
-def subject_in_views(subject: GivenSubject, views: Mapping[str, LensView]) -> GivenSubject:
-    """Return the subject with joints of bent images where the pinhole views of these show them."""
-    if not views:
-        return subject
-    bent = {view.name for _, view in views.values()}
-    straight = {name: joints for name, joints in subject.joints.items() if name not in bent}
-    for name, observed in views.items():
-        lens, view = observed
-        joints = subject.joints.get(view.name)
-        if joints is not None:
-            frames = {f: _in_view(p, observed) for f, p in joints.pixels(lens.size).items()}
-            straight[name] = replace(joints, frames=frames, is_share=False)
-    return replace(subject, joints=straight)
-
-
-def _in_view(points: Floats[N, D3], observed: LensView) -> Floats[N, D3]:
-    (lens, view), moved = observed, points.copy()
-    moved[:, :2] = view.project(lens.rays(points[:, :2]))
-    inside = ((moved[:, :2] > -0.5) & (moved[:, :2] < np.array(view.size) - 0.5)).all(axis=1)
-    moved[~inside] = [np.nan, np.nan, 0.0]
-    return moved
-
-
-def given_subject(
-    options: Namespace, recorded: Mapping[str, Recorded], kind: Subject | None, likely: str | None
-) -> GivenSubject:
-    """Return what is tracked, with its joints by camera. Raises HandtrackError where that is open, or cameras differ in it.
+def with_joints(
+    options: Namespace, recording: Recording, kind: Subject | None, likely: str | None
+) -> tuple[Subject, dict[str, Recorded]]:
+    """Return what is tracked, and the recording with its joints. Raises HandtrackError where that is open, or cameras differ in it.
 
     kind: of the model that was named. likely: the layout that a project's settings say; it decides what joints leave open.
     """
@@ -344,27 +333,27 @@ def given_subject(
     names = {} if options.names is None else names_of_table(options.names)
     if layout is not None and layout not in LAYOUTS:
         raise unknown_name("layout of joints", layout, tuple(LAYOUTS), "--layout")
-    given = {
-        name: (f"--keypoints {name}={cam.keypoints}", cam.keypoints)
-        for name, cam in recorded.items()
-        if cam.keypoints is not None
+    read = {
+        name: (where := f"--keypoints {name}={text}", read_joints(text, where, names, name))
+        for name, cam in recording.items()
+        if (text := cam.keypoints) is not None
     }
-    read = {n: (w, read_joints(text, w, names, n)) for n, (w, text) in given.items()}
     kind = kind or _kind(read, options)
     _check_wished(kind, read, options)
-    results = {
-        name: _person(one, where, likely, options)
-        if kind is BODY
-        else _hand(one, where, options.side)
-        for name, (where, one) in read.items()
-    }
-    sides = {joints.side: joints for joints in results.values() if joints.side}
-    if len(sides) > 1:
-        first, second = sides.values()
-        raise HandtrackError(
-            f"{second.where}: a {second.side} hand, but {first.where} has a {first.side} one; say which with --side."
+    found, first = dict(recording), None
+    for name, (where, one) in read.items():
+        joints = (
+            _person(one, where, likely, options)
+            if kind is BODY
+            else _hand(one, where, options.side)
         )
-    return GivenSubject(kind, results)
+        found[name] = replace(found[name], joints=joints)
+        if first is not None and joints.side and joints.side != first.side:
+            raise HandtrackError(
+                f"{where}: a {joints.side} hand, but {first.where} has a {first.side} one; say which with --side."
+            )
+        first = first or (joints if joints.side else None)
+    return kind, found
 
 
 def names_of_table(path: Path) -> dict[str, str]:
