@@ -206,9 +206,10 @@ class Keypoints:
 
 @array_dataclass
 class ImageKeypoints:
-    """Points of the hand in one camera's undistorted image, by joint name."""
+    """Points of the hand in one camera's image, by joint name. Where the lens distorts, pixels and camera are undistorted."""
 
     camera: Camera
+    """without distortion."""
     names: tuple[str, ...]
     pixels: Floats[J, D2]
     """[px], NaN where unknown."""
@@ -216,10 +217,13 @@ class ImageKeypoints:
     """[px] standard deviation of each point in each direction; one number given stands for all"""
 
     def __post_init__(self) -> None:
-        """Take lists for arrays. Raises HandtrackError where they do not fit together."""
+        """Take lists for arrays, and undistort. Raises HandtrackError where they do not fit together."""
         sigma = np.asarray(self.sigma_px, float)
         _check_points(self, "pixels", 2, sigma)
         object.__setattr__(self, "sigma_px", np.broadcast_to(sigma, len(self.names)))
+        if self.camera.is_distorted:
+            object.__setattr__(self, "pixels", self.camera.undistort_points(self.pixels))
+            object.__setattr__(self, "camera", lens_maps(self.camera, None).camera)
 
 
 @array_dataclass

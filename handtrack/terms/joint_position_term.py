@@ -12,7 +12,7 @@ from handtrack.errors import HandtrackError, check_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import Sums
-from handtrack.terms.rows import Rows, motion_row
+from handtrack.terms.rows import add_rows, motion_row
 from handtrack.terms.term import ObservationTerm
 
 _STEP_M = 1e-6
@@ -47,15 +47,11 @@ class JointPositionTerm(ObservationTerm):
         bone, _ = self._places
         points = bones.to_world(*self._places)
         residual = self._residual(points)
-        cost, count = 0.5 * float(residual @ residual), len(residual)
-        if sums.width == 0:
-            return cost
-        slopes = self._slopes(points, count)  # (N, J, 3)
-        which = np.repeat(np.arange(count), len(points))
-        points = np.tile(points, (count, 1))
-        motion = motion_row(points, slopes.reshape(-1, 3), bones.reference, sums.width)
-        rows = Rows(residual, which, np.tile(bone, count), motion, cost, np.ones(count))
-        return rows.add_to(sums)
+        if sums.width:
+            slopes = self._slopes(points, len(residual))
+            motion = motion_row(points, slopes, bones.reference, sums.width)
+            add_rows(sums, residual, bone, motion, np.ones(len(residual)))
+        return 0.5 * float(residual @ residual)
 
     def _slopes(self, points: Floats[J, D3], count: int) -> Floats:
         """Return each residual's derivative by each joint's place (N, J, 3) [1/m]."""

@@ -1,4 +1,4 @@
-"""Compiled sums of KeypointTerm. The plain form: `KeypointTerm.rows`."""
+"""Compiled sums of KeypointTerm. The plain form of the residuals: `KeypointTerm.residuals`."""
 
 from __future__ import annotations
 

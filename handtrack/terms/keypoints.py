@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, K, N, contiguous
+from handtrack.arrays import D3, Array, Floats, Ints, K, L, N, contiguous
 from handtrack.errors import index_of
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields, BonePoses
@@ -17,7 +17,6 @@ from handtrack.observation.pins import PIN_SIGMA_PX, ImagePins, Pin
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.keypoint_kernels import keypoint_sums, point_velocities
 from handtrack.terms.loss import Loss, quadratic
-from handtrack.terms.rows import Rows, motion_row
 from handtrack.terms.term import ObservationTerm
 
 Observed = Keypoints | ImageKeypoints | ImagePins
@@ -48,31 +47,9 @@ class KeypointTerm(ObservationTerm):
         return "pins" if isinstance(self.observed, ImagePins) else "keypoints"
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
-        (bone, own, *seen), observed = self._targets, self.observed
-        if not isinstance(observed, Keypoints) and observed.camera.is_distorted:
-            return self.rows(bones, sums.width).add_to(sums)
+        bone, own, *seen = self._targets
         targets = bone, bones.rescaled(bone, own), *seen
         return keypoint_sums(bones.frames, targets, self.loss, float(self.weight), sums)
-
-    def rows(self, bones: BonePoses, width: int = 6) -> Rows:
-        """Return two (image) or three (space) rows a point. width: of the motion of its bone, or 3: of its own."""
-        bone, own, targets, sigma, _ = self._targets
-        points = bones.to_world(bone, own)
-        if isinstance(self.observed, Keypoints):
-            difference = (points - targets) / sigma[:, None]
-            directions = np.eye(3) / sigma[:, None, None]
-        else:
-            camera = self.observed.camera
-            difference = (camera.project(points) - targets) / sigma[:, None]
-            directions = camera.project_jacobian(points) / sigma[:, None, None]
-        count, each = difference.shape
-        squared = (difference**2).sum(axis=1)
-        weight = self.weight * np.repeat(self.loss.weight(squared), each)
-        normals, points = directions.reshape(-1, 3), np.repeat(points, each, axis=0)
-        motion = motion_row(points, normals, bones.reference, width)
-        cost = 0.5 * self.weight * float(self.loss.value(squared).sum())
-        moved = np.repeat(np.arange(count) if width == 3 else bone, each)
-        return Rows(difference.ravel(), np.arange(count * each), moved, motion, cost, weight)
 
     def motion(self, bones: BonePoses, fields: BoneFields) -> Floats[K, D3, N]:
         """Return the velocity of each point: of what a detector means by a joint, besides the bone's own motion."""
@@ -119,10 +96,20 @@ class KeypointTerm(ObservationTerm):
         seen = _are_known(_targets(self.observed)[0])
         return _joint_indices(self.model.joint_names, self.observed.names, self.model.name)[seen]
 
+    def residuals(self, bones: BonePoses) -> tuple[Ints[K], Floats[K, L]]:
+        """Return which joints of the model were seen, and by what they are beside that, in units of the points' sigma, (K, 2) in an
+        image or (K, 3).
+        """
+        bone, own, targets, sigma, _ = self._targets
+        points = bones.to_world(bone, own)
+        if not isinstance(self.observed, Keypoints):
+            points = self.observed.camera.project(points)
+        return self._joints, (points - targets) / sigma[:, None]
+
     def misses(self, bones: BonePoses) -> tuple[Ints[K], Floats[K]]:
         """Return which joints of the model were seen, and how far from them they are, in units of the points' sigma."""
-        off = self.rows(bones).residual.reshape(-1, _targets(self.observed)[0].shape[1])
-        return self._joints, np.linalg.norm(off, axis=1)
+        joints, off = self.residuals(bones)
+        return joints, np.linalg.norm(off, axis=1)
 
 
 def pinned_places(model: ArticulatedModel, pins: Sequence[Pin]) -> tuple[Ints[K], Floats[K, D3]]:

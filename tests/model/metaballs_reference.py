@@ -7,7 +7,7 @@ from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.loss import Loss
-from handtrack.terms.rows import Rows, motion_row
+from handtrack.terms.rows import motion_row
 
 STEP = 1e-20
 """so small that a function of x + i·STEP is its value plus i·STEP times its slope, to the last digit"""
@@ -44,15 +44,10 @@ def cloud_rows(
     sigma: float,
     loss: Loss,
     weight: float = 1.0,
-) -> Rows:
-    """Return E1's rows: the cloud point stays, the bone moves."""
+) -> tuple:
+    """Return E1's cost and rows: the cloud point stays, the bone moves."""
     d, _, share, n = merged(surface, bones, points)
     residual = d / sigma
-    row, e = np.nonzero(share)
-    twist = motion_row(points[row], n[row, e], bones.reference)
-    twist *= -(share[row, e] / sigma)[:, None]
+    twist = -(share / sigma)[..., None] * motion_row(points[:, None], n, bones.reference)
     cost = 0.5 * weight * float(loss.value(residual**2).sum())
-    # entries of one bone are summed by Rows
-    return Rows(
-        residual, row, surface.ellipsoids.bone[e], twist, cost, weight * loss.weight(residual**2)
-    )
+    return cost, residual, surface.ellipsoids.bone, twist, weight * loss.weight(residual**2)

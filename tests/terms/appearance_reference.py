@@ -3,14 +3,15 @@
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.images.outline_edges import CLUTTER, CORRELATION_PX
-from handtrack.terms.rows import Rows, motion_row
+from handtrack.terms.rows import motion_row
 from tests.terms.plain_rows import system_of
 
 
 def edges_system(term, bones):
     """Return the system of an OutlineEdgesTerm: rows along the normals, weighed by how likely each edge is."""
-    total = None
+    total = JointSystem.zero(6 * len(bones.position))
     for outline, place, strength in term.observed:
         points = bones.to_world(outline.bone, outline.local)
         x = ((outline.camera.project(points) - outline.pixel) * outline.normal).sum(axis=1)
@@ -21,17 +22,15 @@ def edges_system(term, bones):
         size = term.weight * outline.length_px / CORRELATION_PX
         across = np.einsum("nij,ni->nj", outline.camera.project_jacobian(points), outline.normal)
         twist = motion_row(points, across, bones.reference)
-        count, most = likely.shape
-        rows = Rows(
-            off.ravel(),
-            np.arange(count * most),
-            np.repeat(outline.bone, most),
-            np.repeat(twist, most, axis=0) / term.sigma_px,
+        most = likely.shape[1]
+        total += system_of(
+            len(bones.position),
             float(-(size * np.log(here / none)).sum()),
+            off.ravel(),
+            np.repeat(outline.bone, most)[:, None],
+            np.repeat(twist, most, axis=0)[:, None] / term.sigma_px,
             (size[:, None] * likely / here[:, None]).ravel(),
         )
-        system = system_of(rows, len(bones.position))
-        total = system if total is None else total + system
     return total
 
 
@@ -52,7 +51,7 @@ def bilinear(image, pixels):
 
 def texture_system(term, bones):
     """Return the system of a CarriedTextureTerm: three rows a point, robust together."""
-    total = None
+    total = JointSystem.zero(6 * len(bones.position))
     for texture, image in term.observed:
         camera = texture.camera
         points = bones.to_world(texture.bone, texture.local)
@@ -62,14 +61,12 @@ def texture_system(term, bones):
         worst = term.loss.scale**2 if term.from_unexplained else 0.0
         across = np.einsum("nci,nij->ncj", slopes, camera.project_jacobian(points)) / term.sigma
         twist = motion_row(np.repeat(points, 3, axis=0), across.reshape(-1, 3), bones.reference)
-        rows = Rows(
-            residual.ravel(),
-            np.arange(residual.size),
-            np.repeat(texture.bone, 3),
-            twist,
+        total += system_of(
+            len(bones.position),
             0.5 * term.weight * float((term.loss.value(squared) - worst).sum()),
+            residual.ravel(),
+            np.repeat(texture.bone, 3)[:, None],
+            twist[:, None],
             term.weight * np.repeat(term.loss.weight(squared), 3),
         )
-        system = system_of(rows, len(bones.position))
-        total = system if total is None else total + system
     return total

@@ -1,10 +1,11 @@
 """Systems of rows, for terms' plain forms."""
 
 from handtrack.terms.bone_system import JointSystem, Sums
-from handtrack.terms.rows import Rows
+from handtrack.terms.rows import add_rows
 
 
-def system_of(rows: Rows, bones: int) -> JointSystem:
-    """Return what rows add up to, by the twists or fields of so many bones."""
-    sums = Sums.zero(bones, rows.motion.shape[1])
-    return JointSystem(rows.add_to(sums), sums.gradient, sums.hessian)
+def system_of(bones: int, cost: float, *rows) -> JointSystem:
+    """Return what `add_rows` makes of rows by the twists of so many bones."""
+    sums = Sums.zero(bones, 6)
+    add_rows(sums, *rows)
+    return JointSystem(cost, sums.gradient, sums.hessian)

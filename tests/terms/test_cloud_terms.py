@@ -15,7 +15,7 @@ from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, visible_f
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.clouds.distance_map import distance_map
 from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
-from handtrack.terms.rows import Rows, motion_row
+from handtrack.terms.rows import motion_row
 from tests.derivatives import check_jacobian, check_observation_term
 from tests.model.metaballs_reference import cloud_rows
 from tests.terms.cloud_rays_reference import ray_costs
@@ -41,7 +41,7 @@ def test_distances_are_summed_as_in_the_plain_form_and_have_its_slope(rng, form,
     points = np.concatenate([points, rng.uniform(-0.3, 0.3, size=(200, 3))])
     surface = MetaballSurface.of(HAND, form=form, sharpness=700.0)
     term = CloudDistanceTerm(prepare_cloud(points), surface, 0.003, loss, weight=0.4)
-    plain = system_of(cloud_rows(surface, bones, points, 0.003, loss, 0.4), len(bones.position))
+    plain = system_of(len(bones.position), *cloud_rows(surface, bones, points, 0.003, loss, 0.4))
     assert_same_system(term.linearize(bones), plain)
     assert term.cost(bones) == pytest.approx(plain.cost, rel=1e-9)
     few = replace(term, cloud=prepare_cloud(points[::5]))
@@ -115,8 +115,10 @@ def test_emptiness_is_summed_as_its_rows_and_has_its_slope(rng, emptiness, loss)
     twist = np.where(residual[:, None] > 0, motion_row(x, n / 0.004, moved.reference), 0.0)
     squared = residual**2
     cost = 0.15 * float(loss.value(squared).sum())
-    rows = Rows(residual, np.arange(len(x)), term.bone, twist, cost, 0.3 * loss.weight(squared))
-    plain = system_of(rows, len(moved.position))
+    weight = 0.3 * loss.weight(squared)
+    plain = system_of(
+        len(moved.position), cost, residual, term.bone[:, None], twist[:, None], weight
+    )
     assert_same_system(term.linearize(moved), plain)
     assert term.cost(moved) == pytest.approx(plain.cost, rel=1e-12)
     few = replace(term, bone=term.bone[::5], local=term.local[::5])

@@ -1,5 +1,7 @@
 """Keypoints and pins: known costs by hand, unknown points, robust loss, derivatives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -8,10 +10,10 @@ from handtrack import ImageKeypoints, Keypoints, load_model
 from handtrack.observation.pins import PIN_SIGMA_PX, ImagePins, Pin
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import Sums
+from handtrack.terms.joint_position_term import JointPositionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import huber
 from tests.derivatives import check_observation_term
-from tests.terms.plain_rows import system_of
 
 SIGMA_M, SIGMA_PX = 0.004, 2.0
 
@@ -55,20 +57,33 @@ def test_unknown_points_do_not_pull(view):
     assert moved == {HAND.joint_bone[5]}
 
 
-def test_the_compiled_sums_are_those_of_the_rows(rng):
-    """By twists, by fields, and by the points' own velocities."""
-    off = HAND.bones(HAND.clipped(rng.normal(scale=0.3, size=26)))
-    for view in (in_space, in_image):
-        term = KeypointTerm(HAND, view(off), 0.7, huber(2.0))
-        points = len(HAND.joint_names)
-        for width, count in ((3, points), (6, len(BONES.position)), (12, len(BONES.position))):
-            ours = Sums.zero(count, width)
-            plain = system_of(term.rows(BONES, width), count)
-            assert term.add_to(BONES, ours) == pytest.approx(plain.cost)
-            assert term.cost(BONES) == pytest.approx(plain.cost)
-            scale = 1e-10 * np.abs(plain.hessian).max()
-            assert_allclose(ours.gradient, plain.gradient, rtol=1e-8)
-            assert_allclose(ours.hessian, plain.hessian, atol=scale)
+@pytest.mark.parametrize("view", [in_space, in_image])
+def test_the_compiled_sums_are_those_of_the_plain_residuals(rng, view):
+    """By twists and by fields; the weights of a robust loss are those at the place."""
+    seen, loss = view(HAND.bones(HAND.clipped(rng.normal(scale=0.3, size=26)))), huber(2.0)
+
+    def misses(at):
+        if view is in_space:
+            return (at - seen.positions) / SIGMA_M
+        return (seen.camera.project(at) - seen.pixels) / SIGMA_PX
+
+    square = (misses(HAND.joint_positions(BONES)) ** 2).sum(axis=1)
+    root = np.sqrt(0.7 * loss.weight(square))[:, None]
+    plain = JointPositionTerm(HAND, HAND.joint_names, lambda at: root * misses(at))
+    term, cost = KeypointTerm(HAND, seen, 0.7, loss), 0.35 * loss.value(square).sum()
+    for width in (6, 12):
+        ours, theirs = (Sums.zero(len(BONES.position), width) for _ in range(2))
+        plain.add_to(BONES, theirs)
+        assert term.add_to(BONES, ours) == pytest.approx(cost)
+        for own, other in zip(ours[1:], theirs[1:]):
+            assert_allclose(own, other, atol=1e-8 * np.abs(other).max())
+
+
+def test_points_in_a_distorted_image_are_undistorted():
+    camera = replace(simulated_rig(1).cameras[0], distortions=[-0.1, 0.02, 0, 0])
+    seen = ImageKeypoints(camera, ("wrist",), [[100, 80]], SIGMA_PX)
+    assert not seen.camera.is_distorted
+    assert_allclose(camera.distort_points(seen.pixels), [[100, 80]], atol=1e-6)
 
 
 def test_pins_that_are_met_cost_nothing_and_a_sigma_beside_a_half_each():

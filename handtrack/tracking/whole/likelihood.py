@@ -310,10 +310,8 @@ def new_share(likelihood: RecordingLikelihood, frames: Sequence[int], poses: Flo
         left: dict[int, Floats] = {}
         terms = likelihood.of(frame).terms
         for term in terms.keypoints if only_camera(terms) is not None else ():
-            bones = likelihood.model.bones(pose)
-            joints, _ = term.misses(bones)
-            off = term.rows(bones).residual.reshape(-1, 2).clip(-_LARGEST, _LARGEST)
-            left |= dict(zip(joints.tolist(), off, strict=True))
+            joints, off = term.residuals(likelihood.model.bones(pose))
+            left |= dict(zip(joints.tolist(), off.clip(-_LARGEST, _LARGEST), strict=True))
         for joint in left.keys() & before.keys():
             both += float(left[joint] @ before[joint])
             own += 0.5 * float(left[joint] @ left[joint] + before[joint] @ before[joint])
