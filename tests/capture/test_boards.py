@@ -107,7 +107,7 @@ def test_against_opencv_s_stereo_chessboard(data_dir):
     for side in ("left", "right"):
         source = ImageFiles(sorted(folder.glob(f"{side}??.jpg")))
         views, size, tried = search_views(source, BOARD, source.frames)
-        cameras.append(CameraViews(side, size, tuple(views), (), tried, str(folder)))
+        cameras.append(CameraViews(side, size, tuple(views), tried, str(folder)))
     assert [len(camera.shared) for camera in cameras] == [13, 13]
     found = calibrate_rig(BOARD, cameras)
     left, right = found.report["cameras"]
@@ -186,7 +186,7 @@ def views_of(camera, board, poses, rng, frames=None):
         if inside and (frames is None or frame in frames):
             noisy = pixels + rng.normal(size=pixels.shape) * NOISE_PX
             found.append(BoardView(frame, np.arange(len(pixels)), noisy, 1.5))
-    return CameraViews(camera.name, camera.size, tuple(found), (), len(poses), "simulated")
+    return CameraViews(camera.name, camera.size, tuple(found), len(poses), "simulated")
 
 
 POSES = board_poses(BOARD, 40, np.random.default_rng(7))
@@ -257,7 +257,7 @@ def test_a_board_that_looks_alike_when_turned_is_settled_by_agreement(rng):
             replace(view, ids=board.turns[1][view.ids]) if rng.random() < 0.5 else view
             for view in seen.shared
         )
-        cameras.append(replace(seen, shared=turned))
+        cameras.append(replace(seen, views=turned))
     found = calibrate_rig(board, cameras)
     assert_same_rig(found, centre_mm=1.0)
     assert "half a turn" in found.report["warnings"][0]

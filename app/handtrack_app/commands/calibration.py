@@ -59,7 +59,7 @@ def calibrate(options: Namespace) -> int:
             "--camera must be the same."
         )
     cameras = _searched(inputs, board, options.most_images)
-    require_views(board, cameras, lambda: _some_images(inputs, cameras))
+    require_views(board, cameras, lambda camera: _some_images(inputs[camera.name], camera))
     settings = CalibrationSettings(
         k3=not options.no_k3,
         tangential=not options.no_tangential,
@@ -139,33 +139,31 @@ def _searched(inputs: _Inputs, board: Board, most: int) -> list[CameraViews]:
     searched: dict[str, CameraViews] = {}
     with progress_bar(total, "looking for the board") as bar:
         for name, use, source, frames in plans:
-            views, size, tried = search_views(source, board, frames, bar.update)
+            alone = use == "alone"
+            views, size, tried = search_views(source, board, frames, bar.update, alone)
             if size is None:
                 raise HandtrackError(
                     f"camera '{name}': no image could be read from {source.where}."
                 )
-            before = searched.get(name) or CameraViews(name, size, (), (), 0, source.where)
+            before = searched.get(name) or CameraViews(name, size, (), 0, source.where)
             if before.size != size:
                 raise HandtrackError(
                     f"camera '{name}': images for the lens alone are {size[0]} x {size[1]}, the others "
                     f"{before.size[0]} x {before.size[1]}; expected one size."
                 )
-            searched[name] = replace(before, tried=tried + before.tried, **{use: tuple(views)})
+            both = (*before.views, *views)
+            searched[name] = replace(before, views=both, tried=tried + before.tried)
     return list(searched.values())
 
 
-def _some_images(inputs: _Inputs, cameras: Sequence[CameraViews]) -> list[Array]:
-    """Return three images of each camera that never saw the board, or of the first camera."""
-    blind = {camera.name for camera in cameras if not camera.shared and not camera.alone}
-    images = []
-    for name, sources in inputs.items():
-        if name in (blind or {next(iter(inputs))}):
-            source = next(iter(sources.values()))
-            frames = [frame for frame in source.frames if source.has(frame)]
-            picked = [frames[i * (len(frames) - 1) // 2] for i in range(3)] if frames else []
-            read = (source.read(frame) for frame in dict.fromkeys(picked))
-            images += [image for image in read if image is not None]
-    return images
+def _some_images(sources: dict[str, FrameSource], camera: CameraViews) -> list[Array]:
+    """Return three images of a camera, of those with the board where there are some."""
+    use, source = next(iter(sources.items()))
+    seen = [view.frame for view in camera.views if view.alone == (use == "alone")]
+    frames = seen or [frame for frame in source.frames if source.has(frame)]
+    picked = [frames[i * (len(frames) - 1) // 2] for i in range(3)] if frames else []
+    read = (source.read(frame) for frame in dict.fromkeys(picked))
+    return [image for image in read if image is not None]
 
 
 def _write_report(calibration: RigCalibration, board: Board, options: Namespace) -> None:

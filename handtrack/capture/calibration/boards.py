@@ -12,7 +12,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from handtrack.capture.images.frames import FrameSource
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.text_files import UNITS_M
 
+_LEAST_SIDE = 3
 EXAMPLES = "chessboard:9x6:25mm (inner corners) or charuco:7x5:30mm:22mm:DICT_4X4_50 (squares)"
 
 
@@ -125,9 +126,9 @@ def _counts(part: str, text: str) -> tuple[int, int]:
     if not found:
         raise HandtrackError(f"board '{text}': '{part}' is no size; expected {EXAMPLES}.")
     columns, rows = int(found[1]), int(found[2])
-    if min(columns, rows) < 3 or max(columns, rows) > 60:
+    if min(columns, rows) < _LEAST_SIDE or max(columns, rows) > 60:
         raise HandtrackError(
-            f"board '{text}': {columns} x {rows}; expected 3 to 60 of them along each side."
+            f"board '{text}': {columns} x {rows}; expected {_LEAST_SIDE} to 60 of them along each side."
         )
     return columns, rows
 
@@ -323,8 +324,10 @@ class BoardView:
     """width of the board's edges [px]: about 1.5 to 2 in a sharp image."""
     source: str = ""
     """file or frame, for messages."""
-    goes_on: bool = False
-    """whether the squares go on beyond the board's edge: the board is larger than was said."""
+    alone: bool = False
+    """whether it is for the camera's lens alone; others are synchronised with the other cameras' by frame number."""
+    pose: Floats[D4, D4] = field(default_factory=lambda: np.full((4, 4), np.nan))
+    """T_camera_board; NaN before the lens was fitted."""
 
 
 def find_board(
@@ -341,16 +344,24 @@ def find_board(
     thorough
         Take a second or two an image for hard ones: blurred, or lit unevenly.
     """
-    gray: Bytes = (
-        image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-    )
-    is_charuco = bool(board.dictionary)
-    found = _find_charuco(gray, board) if is_charuco else _find_chessboard(gray, board, thorough)
+    gray = _grey(image)
+    if board.dictionary:
+        found = _find_charuco(gray, board)
+    else:
+        found = _find_chessboard(gray, board, thorough)
     if found is None:
         return None
     ids, pixels = found
-    goes_on = not is_charuco and _goes_on(gray, board, pixels)
-    return BoardView(frame, ids, pixels, _blur(gray, board, ids, pixels), source, goes_on)
+    return BoardView(frame, ids, pixels, _blur(gray, board, ids, pixels), source)
+
+
+def _grey(image: Array) -> Bytes:
+    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)  # type: ignore[return-value]
+
+
+def _searched(gray: Bytes) -> tuple[Bytes, int]:
+    """Return the image in which chessboards are looked for first, and how many times smaller it is."""
+    return (cv2.pyrDown(gray), 2) if max(gray.shape) > _LARGE else (gray, 1)  # type: ignore[return-value]
 
 
 def _find_charuco(gray: Bytes, board: Board) -> tuple[Ints, Floats] | None:
@@ -370,15 +381,14 @@ def _find_charuco(gray: Bytes, board: Board) -> tuple[Ints, Floats] | None:
 
 def _find_chessboard(gray: Bytes, board: Board, thorough: bool) -> tuple[Ints, Floats] | None:
     size = (board.columns, board.rows)
-    half = max(gray.shape) > _LARGE
-    searched = cv2.pyrDown(gray) if half else gray
+    searched, smaller = _searched(gray)
     found, corners = cv2.findChessboardCorners(searched, size, flags=_FLAGS)
     if not found and thorough:
         flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
         found, corners = cv2.findChessboardCornersSB(searched, size, flags=flags)
     if not found:
         return None
-    pixels = np.array(corners, dtype=float).reshape(-1, 2) * (2 if half else 1)
+    pixels = np.array(corners, dtype=float).reshape(-1, 2) * smaller
     grid = _oriented(gray, pixels.reshape(board.rows, board.columns, 2))
     if grid is None:
         return None
@@ -438,40 +448,6 @@ def _black_first(gray: Bytes, grid: Floats) -> bool:
     return bool(value[like_first].mean() < value[~like_first].mean())
 
 
-def _goes_on(gray: Bytes, board: Board, pixels: Floats) -> bool:
-    """Whether squares alternate beyond the outer ones, on some side; a detector may find a part of a
-    larger board at a smaller size."""
-    columns, rows = board.columns, board.rows
-    corners = board.points[:, :2] / board.square_m
-    homography, _ = cv2.findHomography(corners, pixels)
-    if homography is None:
-        return False
-    along_x, along_y = np.arange(columns - 1) + 0.5, np.arange(rows - 1) + 0.5
-    inner = np.stack(np.meshgrid(along_x, along_y), -1).reshape(-1, 2)
-    contrast = _alternation(gray, inner, homography)
-    just = (
-        0.2  # of a square beyond the outer ones, as the last squares of some boards are cut narrow
-    )
-    sides = [
-        *(np.stack([along_x, np.full(columns - 1, y)], -1) for y in (-1 - just, rows + just)),
-        *(np.stack([np.full(rows - 1, x), along_y], -1) for x in (-1 - just, columns + just)),
-    ]
-    return any(_alternation(gray, side, homography) > 0.5 * contrast for side in sides)
-
-
-def _alternation(gray: Bytes, cells: Floats, homography: Array) -> float:
-    """Return how much brighter the white squares among cells (N, 2) are than the black ones; 0 when
-    they are not in the image."""
-    places = cv2.perspectiveTransform(cells[:, None], homography)[:, 0].round().astype(int)
-    height, width = gray.shape
-    inside = ((places >= 0) & (places < [width, height])).all(axis=1)
-    black = np.floor(cells).sum(axis=1) % 2 == 0
-    if not (inside & black).any() or not (inside & ~black).any():
-        return 0.0
-    values = gray[places[:, 1].clip(0, height - 1), places[:, 0].clip(0, width - 1)].astype(float)
-    return float(values[inside & ~black].mean() - values[inside & black].mean())
-
-
 def _blur(gray: Bytes, board: Board, ids: Ints, pixels: Floats) -> float:
     """Return the width of the board's edges [px].
 
@@ -524,26 +500,16 @@ class CameraViews:
     name: str
     size: tuple[int, int]
     """width, height [px]."""
-    shared: tuple[BoardView, ...]
-    """views synchronised with the other cameras by frame number"""
-    alone: tuple[BoardView, ...] = ()
-    """views for this camera's lens alone"""
+    views: tuple[BoardView, ...]
     tried: int = 0
     """images that were searched"""
     where: str = ""
     """files, for messages"""
-    poses: tuple[Floats[D4, D4], ...] = ()
-    """T_camera_board of its views, shared ones first; none before its lens was fitted"""
 
     @property
-    def views(self) -> tuple[BoardView, ...]:
-        """All of them, shared ones first."""
-        return *self.shared, *self.alone
-
-    def only(self, keep: Callable[[BoardView], bool]) -> CameraViews:
-        """Return the same camera with some of its views."""
-        shared, alone = (tuple(filter(keep, views)) for views in (self.shared, self.alone))
-        return replace(self, shared=shared, alone=alone)
+    def shared(self) -> list[BoardView]:
+        """Views that are synchronised with the other cameras'."""
+        return [view for view in self.views if not view.alone]
 
 
 def frames_to_search(sources: Iterable[FrameSource], most: int) -> range:
@@ -557,6 +523,7 @@ def search_views(
     board: Board,
     frames: Iterable[int],
     progress: Callable[[], object] = lambda: None,
+    alone: bool = False,
 ) -> tuple[list[BoardView], tuple[int, int] | None, int]:
     """Return the views of the board in a source, the image size and how many images there were.
 
@@ -564,6 +531,8 @@ def search_views(
     ----------
     progress
         Called after each image; it may raise to stop.
+    alone
+        Whether they are for the camera's lens alone.
 
     Raises
     ------
@@ -592,7 +561,7 @@ def search_views(
         size, first = found, first or here
         view = find_board(image, board, frame, here, thorough)
         if view is not None:
-            views.append(view)
+            views.append(replace(view, alone=alone))
     return views, size, tried
 
 
@@ -618,11 +587,10 @@ def choose_views(cameras: Sequence[CameraViews], most: int) -> list[CameraViews]
     frames = _spread_frames(sharp, most)
     chosen = []
     for camera in sharp:
-        shared = tuple(view for view in camera.shared if view.frame in frames)
-        alone = camera.alone
-        if len(alone) > most:
-            alone = tuple(alone[i] for i in _farthest(_descriptions(camera, alone), most))
-        chosen.append(replace(camera, shared=shared, alone=alone))
+        shared = [view for view in camera.shared if view.frame in frames]
+        alone = [view for view in camera.views if view.alone]
+        alone = [alone[i] for i in _farthest(_descriptions(camera, alone), most)]
+        chosen.append(replace(camera, views=(*shared, *alone)))
     return chosen
 
 
@@ -630,7 +598,7 @@ def _without_blurred(camera: CameraViews) -> CameraViews:
     if len(camera.views) < 12:
         return camera  # too few to be choosy
     limit = _BLURRED * float(np.median([view.blur_px for view in camera.views]))
-    return camera.only(lambda view: view.blur_px <= limit)
+    return replace(camera, views=tuple(v for v in camera.views if v.blur_px <= limit))
 
 
 def _spread_frames(cameras: Sequence[CameraViews], most: int) -> set[int]:
@@ -687,28 +655,26 @@ def _farthest(
 
 
 def require_views(
-    board: Board, cameras: Sequence[CameraViews], images: Callable[[], list[Array[H, W, *Axes]]]
+    board: Board,
+    cameras: Sequence[CameraViews],
+    images: Callable[[CameraViews], list[Array[H, W, *Axes]]],
 ) -> None:
     """Raise HandtrackError when a camera never saw the board, or it is larger than was said.
 
     Parameters
     ----------
     images
-        Gives a few images in which a board of another size is looked for.
+        Gives a few images of a camera, of those with the board where there are some.
     """
-    for camera in cameras:
-        views = camera.views
-        larger = [view for view in views if view.goes_on]
-        if len(larger) > 0.5 * len(views):
-            other = _other_size(board, images())
-            found = f"; it looks like {other.columns} x {other.rows}" if other else ""
-            raise HandtrackError(
-                f"the board is larger than {board.text}: in {len(larger)} of {len(views)} views of camera "
-                f"'{camera.name}' squares go on beyond its edge ({larger[0].source}){found}. Count all inner "
-                "corners, where four squares meet."
-            )
     without = [camera for camera in cameras if not camera.views]
     if not without:
+        larger = _seen_size(images(cameras[0]), board)
+        if larger is not None:
+            raise HandtrackError(
+                f"the board is larger than {board.text}: camera '{cameras[0].name}' sees squares beyond its edge "
+                f"({cameras[0].views[0].source}); it looks like {larger.columns} x {larger.rows}. Count all inner corners, "
+                "where four squares meet."
+            )
         return
     tried = sum(camera.tried for camera in without)
     names = ", ".join(f"'{camera.name}'" for camera in without)
@@ -716,7 +682,9 @@ def require_views(
         f"no {board.text} board was found in any of {tried} images of camera {names} "
         f"({without[0].where})."
     )
-    if other := _other_size(board, images()):
+    least = replace(board, columns=_LEAST_SIDE, rows=_LEAST_SIDE)
+    other = _seen_size([image for camera in without for image in images(camera)], least)
+    if other is not None and {other.columns, other.rows} != {board.columns, board.rows}:
         raise HandtrackError(
             f"{text} There is a chessboard of {other.columns} x {other.rows} inner corners: use "
             f"--board {other.text}. Count inner corners, where four squares meet, not squares."
@@ -729,28 +697,18 @@ def require_views(
     raise HandtrackError(f"{text} {advice}")
 
 
-def _other_size(board: Board, images: Sequence[Array]) -> Board | None:
-    if board.dictionary:
+def _seen_size(images: Sequence[Array], least: Board) -> Board | None:
+    """Return the chessboard that most of the images show; None where it is no larger than the least, or there is none."""
+    if least.dictionary or not images:
         return None
-    c, r = board.columns, board.rows
-    likely = [(c - 1, r - 1), (c + 1, r + 1), (c - 1, r), (c, r - 1), (c + 1, r), (c, r + 1)]
-    common = [
-        (9, 6),
-        (8, 6),
-        (7, 6),
-        (10, 7),
-        (8, 5),
-        (7, 5),
-        (6, 5),
-        (7, 4),
-        (6, 4),
-        (5, 4),
-        (11, 8),
-    ]
-    for columns, rows in dict.fromkeys(likely + common):
-        if min(columns, rows) >= 3 and (columns, rows) != (c, r):
-            other = Board(columns, rows, board.square_m)
-            found = [find_board(image, other) for image in images]
-            if any(view is not None and not view.goes_on for view in found):
-                return other
-    return None
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
+    sizes = Counter[tuple[int, ...]]()
+    for image in images:
+        searched, _ = _searched(_grey(image))
+        size = least.columns, least.rows
+        found, _, meta = cv2.findChessboardCornersSBWithMeta(searched, size, flags)
+        sizes[tuple(sorted(meta.shape, reverse=True)) if found else ()] += 1
+    largest = sizes.most_common(1)[0][0]
+    if not largest or sorted(largest) == sorted(size):
+        return None
+    return replace(least, columns=largest[0], rows=largest[1])

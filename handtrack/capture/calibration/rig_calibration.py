@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, combinations, islice
+from itertools import chain, combinations, compress, islice
 from typing import Any
 
 import cv2
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
-from handtrack.arrays import D2, D3, D4, D6, D9, Array, C, Floats, K, N, V
+from handtrack.arrays import D2, D3, D4, D6, D9, Array, C, Floats, K, N
 from handtrack.capture.calibration.boards import Board, BoardView, CameraViews, choose_views
 from handtrack.capture.calibration.bundle_adjustment import (
     LENS,
@@ -64,14 +64,14 @@ class RigCalibration:
     `contradictions` are of pairs of cameras whose common views do not agree: the rig is not to be used then"""
     T_world_board: dict[int, Floats[D4, D4]]
     """by frame, of shared views"""
-    cameras: tuple[CameraViews, ...]
+    cameras: Sequence[CameraViews]
     """the views used"""
     residuals: tuple[tuple[Floats[N, D2], ...], ...]
-    """per camera and view, shared ones first: seen − predicted [px]"""
+    """per camera and view: seen − predicted [px]"""
 
 
-_Fit = tuple[CameraViews, Floats[D9]]
-"""a camera's views that fit, with the boards' poses; and its lens, in the order of LENS"""
+_Placed = tuple[str, int]
+"""where a board stood: the frame, and of a view for the lens alone its camera before that, else an empty name"""
 
 
 def calibrate_rig(
@@ -84,15 +84,13 @@ def calibrate_rig(
     Raises HandtrackError for too few views, cameras that share none, a world that is not there.
     """
     warnings: list[str] = []
-    fits = [
-        _fit_lens(board, camera, settings, warnings)
-        for camera in choose_views(cameras, settings.most_views)
-    ]
-    lenses = np.array([lens for _, lens in fits])
-    used, T_camera_world, boards, disagreement = place_cameras([c for c, _ in fits], board)
-    corners, views = _assembled(board, used, T_camera_world, boards)
-    poses = [_pose_vector(pose) for pose in T_camera_world]
-    start = np.concatenate([*lenses, *poses, *views])
+    chosen = choose_views(cameras, settings.most_views)
+    fits = [_fit_lens(board, camera, settings, warnings) for camera in chosen]
+    fitted, lenses, rms_alone_px = zip(*fits)
+    used, T_camera_world, boards, disagreement = place_cameras(fitted, board)
+    corners = _assembled(board, used, list(boards))
+    poses = map(_pose_vector, [*T_camera_world, *boards.values()])
+    start = np.concatenate([*lenses, *poses])
     apart = [pair for pair, off in disagreement.items() if off > _APART]
     free_lens = np.ones((len(used), len(LENS)), dtype=bool)
     free_lens[:, 6:8] = settings.tangential
@@ -103,7 +101,7 @@ def calibrate_rig(
     free = free_numbers(start, corners, free_lens)
     state, converged = refine(start, corners, free)
     lens, camera, view = parts(state, corners)
-    T_world_board = {f: _pose_matrix(p) for f, p in zip(sorted(boards), view)}
+    T_world_board = {f: _pose_matrix(p) for (name, f), p in zip(boards, view) if not name}
     T_new_world = _new_world(settings.world, used, camera, T_world_board)
     rig = _rig(used, lens, camera, np.linalg.inv(T_new_world))
     T_world_board = {f: np.asarray(T_new_world @ p, float) for f, p in T_world_board.items()}
@@ -117,12 +115,12 @@ def calibrate_rig(
             cameras[c],
             used[c],
             left[c],
-            rms_alone_px=_rms(np.concatenate(_misses(board, *fit))),
+            rms_alone_px=rms_alone_px[c],
             lens=lens[c],
             lens_std=lens_std[c],
             skew=skew[c],
         )
-        for c, fit in enumerate(fits)
+        for c in range(len(used))
     ]
     warnings += [*_warnings(board, used, converged), *chain(*map(_camera_warnings, reports))]
     report = {
@@ -137,7 +135,10 @@ def calibrate_rig(
 
 
 def _contradiction(
-    board: Board, cameras: Sequence[CameraViews], lenses: Floats[C, D9], pair: tuple[str, str]
+    board: Board,
+    cameras: Sequence[CameraViews],
+    lenses: Sequence[Floats[D9]],
+    pair: tuple[str, str],
 ) -> str:
     """Return what to say of two cameras whose common views contradict one another."""
     poses = {
@@ -159,64 +160,76 @@ def _contradiction(
 
 def _fit_lens(
     board: Board, camera: CameraViews, settings: CalibrationSettings, warnings: list[str]
-) -> _Fit:
-    """Return one camera's lens from its own views, without those that do not fit, of which it is warned."""
-    views = camera.views
-    least = 1 if camera.name in settings.known else _LEAST_VIEWS
-    if len(views) < least:
+) -> tuple[CameraViews, Floats[D9], float]:
+    """Return one camera's views with the boards' poses, its lens in the order of LENS and its root mean square error [px], by its own
+    views alone, without those that do not fit, of which it is warned.
+    """
+    known = settings.known.get(camera.name)
+    least = 1 if known is not None else _LEAST_VIEWS
+    if len(camera.views) < least:
         raise HandtrackError(
-            f"camera '{camera.name}': the board was found in {len(views)} of {camera.tried} images; "
+            f"camera '{camera.name}': the board was found in {len(camera.views)} of {camera.tried} images; "
             f"at least {least} are needed, in different tilts, and 15 or more are good. Record more, "
             "or give images for the lens alone with --intrinsics."
         )
-    if camera.name in settings.known:
-        return _with_known_lens(board, camera, settings.known[camera.name])
-    fit = _cv2_fit(board, camera, settings)
-    errors = np.array([_rms(off) for off in _misses(board, *fit)])
+    fit, errors = _cv2_fit(board, camera, settings)
     limit = max(_WRONG_VIEW * float(np.median(errors)), _WRONG_VIEW_PX)
     good = errors <= limit
-    if good.all() or good.sum() < _LEAST_VIEWS:
+    if known is not None or good.all() or good.sum() < _LEAST_VIEWS:
         return fit
-    fitting = {id(view) for view, fine in zip(views, good, strict=True) if fine}
     warnings += [
         f"camera '{camera.name}': left out {view.source or f'frame {view.frame}'}, which misses the "
         f"board by {error:.1f} px (the others {np.median(errors[good]):.2f} px)."
-        for view, error, fine in zip(views, errors, good)
+        for view, error, fine in zip(camera.views, errors, good)
         if not fine
     ]
-    return _cv2_fit(board, camera.only(lambda view: id(view) in fitting), settings)
+    fitting = replace(camera, views=tuple(compress(camera.views, good)))
+    return _cv2_fit(board, fitting, settings)[0]
 
 
-def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -> _Fit:
-    views = camera.views
-    points = [board.points[view.ids].astype(np.float32) for view in views]
-    pixels = [view.pixels.astype(np.float32).reshape(-1, 1, 2) for view in views]
+_FIXED = (
+    cv2.CALIB_USE_INTRINSIC_GUESS
+    | cv2.CALIB_FIX_FOCAL_LENGTH
+    | cv2.CALIB_FIX_PRINCIPAL_POINT
+    | cv2.CALIB_FIX_TANGENT_DIST
+    | cv2.CALIB_FIX_K1
+    | cv2.CALIB_FIX_K2
+    | cv2.CALIB_FIX_K3
+)
+
+
+def _cv2_fit(
+    board: Board, camera: CameraViews, settings: CalibrationSettings
+) -> tuple[tuple[CameraViews, Floats[D9], float], Floats[N]]:
+    """Return what `_fit_lens` does, of all views, and each one's error."""
+    points = [board.points[view.ids].astype(np.float32) for view in camera.views]
+    pixels = [view.pixels.astype(np.float32).reshape(-1, 1, 2) for view in camera.views]
     flags = 0 if settings.k3 else cv2.CALIB_FIX_K3
     flags |= 0 if settings.tangential else cv2.CALIB_ZERO_TANGENT_DIST
+    lens, known = (None, None), settings.known.get(camera.name)
+    if known is not None:
+        lens, flags = _known_lens(camera, known), _FIXED
     try:
-        _, matrix, distortions, turns, shifts = cv2.calibrateCamera(
+        rms_px, matrix, distortions, turns, shifts, *_, errors = cv2.calibrateCameraExtended(
             points,
             pixels,
             camera.size,
-            None,
-            None,
+            *lens,
             flags=flags,  # type: ignore[call-overload]
         )
     except cv2.error as error:
         raise HandtrackError(
-            f"camera '{camera.name}': its lens cannot be determined from {len(views)} views ({error.err}). "
+            f"camera '{camera.name}': its lens cannot be determined from {len(points)} views ({error.err}). "
             "They may all be square on to the camera; record tilted ones too."
         ) from None
-    poses = tuple(_pose_matrix(np.ravel(pose).astype(float)) for pose in zip(turns, shifts))
-    return replace(camera, poses=poses), _lens(matrix, np.ravel(distortions)[:5])
+    poses = [_pose_matrix(np.ravel(pose).astype(float)) for pose in zip(turns, shifts)]
+    views = (replace(view, pose=pose) for view, pose in zip(camera.views, poses, strict=True))
+    numbers = np.array([*matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *np.ravel(distortions)[:5]])
+    return (replace(camera, views=tuple(views)), numbers, float(rms_px)), np.ravel(errors)
 
 
-def _lens(matrix: Array[D3, D3], distortions: Array[K]) -> Floats[D9]:
-    """Return a lens in the order of LENS."""
-    return np.array([*matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *distortions], dtype=float)
-
-
-def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _Fit:
+def _known_lens(camera: CameraViews, known: Camera) -> tuple[Array[D3, D3], Array[K]]:
+    """Return a known lens's matrix and k1 k2 p1 p2 k3. Raises HandtrackError where it is not of these images, or has others."""
     if known.size != camera.size:
         raise HandtrackError(
             f"camera '{camera.name}': its known lens is for {known.size[0]} x {known.size[1]}, the "
@@ -228,45 +241,29 @@ def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _Fit:
             f"camera '{camera.name}': its known lens has {len(known.distortions)} distortion "
             "coefficients; expected k1 k2 p1 p2 k3. Calibrate the lens anew."
         )
-    lens = _lens(known.matrix, distortions)
-    poses = tuple(pose_of_view(view, board, lens) for view in camera.views)
-    return replace(camera, poses=poses), lens
+    return known.matrix.copy(), distortions
 
 
-def _misses(board: Board, camera: CameraViews, lens: Floats[D9]) -> list[Floats[N, D2]]:
-    """Return each view's corners, seen − predicted [px]."""
-    found, matrix = [], camera_matrix(*lens[:4])
-    for view, pose in zip(camera.views, camera.poses):
-        turn, _ = cv2.Rodrigues(pose[:3, :3])
-        pixels, _ = cv2.projectPoints(board.points[view.ids], turn, pose[:3, 3], matrix, lens[4:])
-        found.append(view.pixels - np.array(pixels, dtype=float).reshape(-1, 2))
-    return found
-
-
-def _assembled(
-    board: Board,
-    cameras: Sequence[CameraViews],
-    T_camera_world: Floats[C, D4, D4],
-    T_world_board: dict[int, Floats],
-) -> tuple[Corners, Floats[V, D6]]:
-    """Return all corners in one list, and where the boards are to begin with: first the shared views', by frame."""
-    frames = {frame: i for i, frame in enumerate(sorted(T_world_board))}
-    view_poses = [T_world_board[frame] for frame in frames]
-    seen: list[tuple[int, int, BoardView]] = []
-    for c, camera in enumerate(cameras):
-        seen += [(c, frames[view.frame], view) for view in camera.shared]
-        world = np.linalg.inv(T_camera_world[c])
-        for view, pose in zip(camera.alone, camera.poses[len(camera.shared) :], strict=True):
-            seen.append((c, len(view_poses), view))
-            view_poses.append(world @ pose)
+def _assembled(board: Board, cameras: Sequence[CameraViews], boards: list[_Placed]) -> Corners:
+    """Return all corners in one list, views numbered as `boards` has them."""
+    number = {placed: v for v, placed in enumerate(boards)}
+    seen = [
+        (c, number[place], view)
+        for c, camera in enumerate(cameras)
+        for place, view in _by_place(camera).items()
+    ]
     count = [len(view.ids) for _, _, view in seen]
-    corners = Corners(
+    return Corners(
         camera=np.repeat([c for c, _, _ in seen], count).astype(np.int64),
         view=np.repeat([v for _, v, _ in seen], count).astype(np.int64),
         board=np.concatenate([board.points[view.ids] for _, _, view in seen]),
         pixels=np.concatenate([view.pixels for _, _, view in seen]),
     )
-    return corners, np.stack([_pose_vector(pose) for pose in view_poses])
+
+
+def _by_place(camera: CameraViews) -> dict[_Placed, BoardView]:
+    """Return a camera's views by where the board stood: other cameras' in one place are of one frame."""
+    return {(camera.name if view.alone else "", view.frame): view for view in camera.views}
 
 
 def _rig(
@@ -353,30 +350,30 @@ def pose_of_view(view: BoardView, board: Board, lens: Floats[D9]) -> Floats[D4, 
     return _transform(cv2.Rodrigues(turn)[0], np.ravel(shift))
 
 
-def common_frames(a: CameraViews, b: CameraViews) -> list[int]:
+def common_places(a: CameraViews, b: CameraViews) -> list[_Placed]:
     """Return the frames in which both cameras saw the board, ascending."""
-    return sorted({view.frame for view in a.shared} & {view.frame for view in b.shared})
+    return sorted(_by_place(a).keys() & _by_place(b).keys())
 
 
 def place_cameras(
     cameras: Sequence[CameraViews], board: Board
 ) -> tuple[
-    tuple[CameraViews, ...],
+    list[CameraViews],
     Floats[C, D4, D4],
-    dict[int, Floats[D4, D4]],
+    dict[_Placed, Floats[D4, D4]],
     dict[tuple[str, str], float],
 ]:
     """Return all cameras in the first one's frame: their views, of a board that looks alike when turned renumbered to agree;
-    T_camera_world; T_world_board by frame, of shared views; and by which median share of the board's distance common views disagree
-    about a pair.
+    T_camera_world; T_world_board, shared views first, by frame; and by which median share of the board's distance common views
+    disagree about a pair.
 
     Raises HandtrackError naming the groups of cameras that share no view.
     """
     pairs = combinations(range(len(cameras)), 2)
-    edges = {(i, j): common_frames(cameras[i], cameras[j]) for i, j in pairs}
+    edges = {(i, j): common_places(cameras[i], cameras[j]) for i, j in pairs}
     _require_connected(cameras, edges)
     turns = _turn_transforms(board)
-    poses = [{v.frame: pose for v, pose in zip(c.shared, c.poses)} for c in cameras]
+    poses = [{place: v.pose for place, v in _by_place(c).items()} for c in cameras]
     placed: dict[int, Floats] = {0: np.eye(4)}
     boards = dict(poses[0])
     renumbered = [*cameras]
@@ -386,18 +383,19 @@ def place_cameras(
             ((i, j) if i in placed else (j, i) for i, j in edges if (i in placed) != (j in placed)),
             key=lambda pair: (len(edges[min(pair), max(pair)]), -pair[1]),
         )
-        frames = edges[min(near, new), max(near, new)]
+        common = edges[min(near, new), max(near, new)]
         T_new_near, off = _agreed(
-            [poses[new][f] for f in frames], [poses[near][f] for f in frames], turns
+            [poses[new][p] for p in common], [poses[near][p] for p in common], turns
         )
         disagreement[cameras[near].name, cameras[new].name] = off
         placed[new] = T_new_near @ placed[near]
-        expected = {frame: placed[new] @ pose for frame, pose in boards.items()}
-        renumbered[new] = _renumbered(cameras[new], poses[new], expected, turns, board)
-        for frame, pose in poses[new].items():
-            boards.setdefault(frame, np.linalg.inv(placed[new]) @ pose)
+        expected = {place: placed[new] @ pose for place, pose in boards.items()}
+        renumbered[new] = _renumbered(cameras[new], expected, turns, board)
+        for place, view in _by_place(renumbered[new]).items():
+            poses[new][place] = view.pose
+            boards.setdefault(place, np.linalg.inv(placed[new]) @ view.pose)
     T_camera_world = np.stack([placed[i] for i in range(len(cameras))])
-    return tuple(renumbered), T_camera_world, boards, disagreement
+    return renumbered, T_camera_world, dict(sorted(boards.items())), disagreement
 
 
 def frame_offset(
@@ -424,11 +422,11 @@ def frame_offset(
 
 
 def _require_connected(
-    cameras: Sequence[CameraViews], edges: dict[tuple[int, int], list[int]]
+    cameras: Sequence[CameraViews], edges: dict[tuple[int, int], list[_Placed]]
 ) -> None:
     shared = np.zeros((len(cameras),) * 2, dtype=bool)
-    for pair, frames in edges.items():
-        shared[pair] = bool(frames)
+    for pair, common in edges.items():
+        shared[pair] = bool(common)
     count, group = connected_components(shared, directed=False)
     if count > 1:
         names = [
@@ -487,24 +485,20 @@ def _disagreements(pose: Floats, others: Floats, distance: float) -> Floats:
 
 
 def _renumbered(
-    camera: CameraViews,
-    poses: dict[int, Floats],
-    expected: Mapping[int, Floats],
-    turns: list[Floats],
-    board: Board,
+    camera: CameraViews, expected: Mapping[_Placed, Floats], turns: list[Floats], board: Board
 ) -> CameraViews:
     """Return the camera's views numbered as the boards already placed are expected; poses are turned along."""
     views = []
-    for view in camera.shared:
-        if view.frame in expected and len(turns) > 1:
-            board_there = expected[view.frame]
-            orientations = [poses[view.frame] @ turn for turn in turns]
-            distance = float(np.linalg.norm(board_there[:3, 3]))
-            best = int(_disagreements(board_there, np.stack(orientations), distance).argmin())
-            poses[view.frame] = orientations[best]
-            view = replace(view, ids=np.argsort(board.turns[best])[view.ids])
+    for place, view in _by_place(camera).items():
+        there = expected.get(place)
+        if there is not None:
+            poses = view.pose @ np.stack(turns)
+            distance = float(np.linalg.norm(there[:3, 3]))
+            best = int(_disagreements(there, poses, distance).argmin())
+            ids = np.argsort(board.turns[best])[view.ids]
+            view = replace(view, ids=ids, pose=poses[best])
         views.append(view)
-    return replace(camera, shared=tuple(views))
+    return replace(camera, views=tuple(views))
 
 
 # ---- what a calibration is worth, in numbers and plain words
@@ -568,7 +562,7 @@ def camera_report(
     Parameters
     ----------
     left
-        Residuals of each view, shared ones first.
+        Residuals of each view.
     """
     views = used.views
     pixels = np.concatenate([view.pixels for view in views])
@@ -591,9 +585,9 @@ def camera_report(
                 "source": view.source,
                 "rms_px": _rms(off),
                 "max_px": float(np.linalg.norm(off, axis=1).max()),
-                "alone": i >= len(used.shared),
+                "alone": view.alone,
             }
-            for i, (view, off) in enumerate(zip(views, left, strict=True))
+            for view, off in zip(views, left, strict=True)
         ],
     }
 
@@ -604,7 +598,7 @@ def pair_reports(
     """Return all pairs that share a view, or that placed a camera: their distance, and the angle between their directions."""
     found = []
     for (a, b), (seen_a, seen_b) in zip(combinations(rig, 2), combinations(used, 2), strict=True):
-        common = len(common_frames(seen_a, seen_b))
+        common = len(common_places(seen_a, seen_b))
         if common or {(a.name, b.name), (b.name, a.name)} & set(disagreement):
             turn = rotation_vector(b.rotation @ a.rotation.T)
             found.append(
