@@ -36,7 +36,6 @@ from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.time.timeline import TimelinePanel
 from handtrack_app.protocol.palette import ASIDE
 from handtrack_app.protocol.snapshots import (
-    BEFORE,
     CloseSnapshot,
     CloudPicture,
     CloudSnapshot,
@@ -75,8 +74,11 @@ class PageLayout:
         self.snapshot: SessionSnapshot | None = None
         self.saved = ""
         self.head = gui.add_html(head(None, page.state))
-        self.aside = gui.add_html(_ASIDE, visible=False)
-        self.again = page.button("Start again", start_again, "refresh", color=None, visible=False)
+        page.reflect(self.head, content=lambda: head(self.snapshot, page.state, self.saved))
+        self.aside = page.offer(gui.add_html(_ASIDE), lambda: page.state.shows_before)
+        page.button(
+            "Start again", start_again, "refresh", color=None, when=lambda: page.state.progress.state == "failed"
+        )  # fmt: skip
         self.messages = Messages(page)
         self.others = leave_button(page)
         self.room = Room(page)
@@ -141,7 +143,6 @@ class PageLayout:
         timeline = below.add_tab("Timeline")
         with timeline:
             self.next = NextStep(page, self.tracking, self.guesses, self.review)
-        self.review.moved = self.next.show
         self.tracking.followed = self.show_hidden
         self.timeline = TimelinePanel(page, timeline)
         self.timeline.moved = self.plots.draw
@@ -167,24 +168,12 @@ class PageLayout:
         subscribe(WorkSnapshot, self.show_work)
         subscribe(TimelineSnapshot, self.show_timeline)
         subscribe(TimelineChange, lambda new: self.show_timeline(new.over(page.state.strip)))
-        subscribe(
-            ProgressSnapshot,
-            lambda _: self.tracking.show(),
-            self.guesses.show_progress,
-            lambda _: self.next.show(),
-        )
         subscribe(Notice, self.review.warn)
         subscribe(RerunPage, self.tracking.show_rerun)
         subscribe(Download, self.export.deliver)
-        self.guesses.show_progress(page.state.progress)
 
     def _show_session(self, session: SessionSnapshot) -> None:
         self.snapshot = session
-        self.tracking.show()
-        self._show_head()
-
-    def _show_head(self) -> None:
-        put(self.head, content=head(self.snapshot, self.page.state, self.saved))
 
     def show_pose(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Show a pose in the panels. newest: what can be moved moves, too; no edit is under way."""
@@ -193,9 +182,6 @@ class PageLayout:
         if not newest:
             return
         self.timeline.show_pose(pose)
-        self.review.show_frame()
-        self.tracking.show()
-        put(self.aside, visible=pose.origin == BEFORE)
 
     def show_hidden(self) -> None:
         """Show the pose in tabs behind others and closed groups, too, once no tracked frames pass by."""
@@ -211,8 +197,6 @@ class PageLayout:
         self.timeline.show_timeline()
         self.messages.see_pose(strip.is_posed)
         self.review.show_timeline()
-        self.tracking.show()
-        self.next.show()
 
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
@@ -224,15 +208,12 @@ class PageLayout:
         ):
             # what was found out about the recording holds until it, and not a single frame, is tracked anew
             put(self.review.about, content="")
-        put(self.again, visible=progress.state == "failed")
-        self._show_head()
 
     def show_work(self, work: WorkSnapshot) -> None:
         """Show the takes, and whether all that was done is saved."""
         self.takes.show(work)
         self.pose.show_work(work)
         self.saved = work.saved
-        self._show_head()
 
     def _show_notice(self, notice: Notice) -> None:
         """Of what is done, show a notification for a while; all else stands in the panel, which is shown where it is hidden for an error."""
@@ -269,8 +250,8 @@ class Messages(Part):
     def build(self) -> None:
         """Add the note where the page builds now."""
         gui = self.gui
-        self.note = gui.add_html("", visible=False)
-        self.away = self.page.button("Put away", self.put_away, visible=False)
+        self.note = self.page.offer(gui.add_html(""), lambda: bool(self._standing))
+        self.page.button("Put away", self.put_away, when=lambda: bool(self._standing))
 
     def list_in(self, tab: viser.GuiTabHandle) -> None:
         """Add the list of all messages to a tab."""
@@ -311,8 +292,6 @@ class Messages(Part):
         more = line(f"{len(standing) - 1} more: tab Messages")
         if standing:
             put(self.note, content=_words(standing[-1], more if len(standing) > 1 else ""))
-        put(self.note, visible=bool(standing))
-        put(self.away, visible=bool(standing))
 
 
 def _words(notice: Notice, more: str = "") -> str:

@@ -153,6 +153,14 @@ class UserState:
     display: Display = field(default_factory=Display)
     lock: threading.RLock = field(default_factory=threading.RLock)
 
+    def is_idle(self) -> bool:
+        """Return whether nothing runs."""
+        return self.progress.state == "idle"
+
+    def is_free(self) -> bool:
+        """Return whether no job runs."""
+        return not self.progress.is_busy
+
     @property
     def names(self) -> tuple[str, ...]:
         """Of the model's joint parameters."""
@@ -222,8 +230,9 @@ Action = Callable[[Client, Any], object]
 """gets the page on which a widget was used or a command given, and what was chosen: the widget's own value may be the program's by
 now, written since
 """
+When = Callable[[], bool] | None
 Shows = TypeVar("Shows")
-Widget = TypeVar("Widget")
+Widget = TypeVar("Widget", bound=Any)
 
 
 def remembered(client: viser.ClientHandle, name: str, act: Callable[[str | None], object]) -> None:
@@ -268,6 +277,8 @@ class Page:
     """by kind of snapshot, in the order in which they subscribed"""
     early: dict[type, object] = field(default_factory=dict)
     """the newest snapshots of kinds that nobody subscribed to yet"""
+    _watches: list[Callable[[], object]] = field(default_factory=list)
+    """called after each snapshot and each use of a widget"""
     _clients: dict[int, Client] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -312,6 +323,21 @@ class Page:
             self.early[type(snapshot)] = snapshot
         for show in shows:
             show(snapshot)
+        self.refresh()
+
+    def watch(self, show: Callable[[], object]) -> None:
+        """Call back whenever what the page shows may have changed, often: it is to be quick."""
+        self._watches.append(show)
+
+    def reflect(self, handle: Widget, **looks: Callable[[], object]) -> Widget:
+        """Let properties of a viser handle be what functions return, from the next snapshot or use of a widget on."""
+        self.watch(lambda: put(handle, **{name: look() for name, look in looks.items()}))
+        return handle
+
+    def refresh(self) -> None:
+        """Have everybody look who watches."""
+        for watch in list(self._watches):
+            watch()
 
     def show_early(self) -> None:
         """Show what came before its panels were built."""
@@ -420,31 +446,36 @@ class Page:
 
     def button(
         self, label: str, act: Callable[..., object], icon: str = "", hint: str = "",
-        color: Literal["gray", "red"] | None = "gray", visible: bool = True, by_page: bool = False,
+        color: Literal["gray", "red"] | None = "gray", when: When = None, by_page: bool = False,
     ) -> viser.GuiButtonHandle:  # fmt: skip
         """Add a button that calls `act`. icon: of viser, by its name there. by_page: `act` gets the page that pressed it."""
         named = cast("viser.IconName", icon) if icon else None
-        made = self.gui.add_button(
-            label, icon=named, hint=hint or None, color=color, visible=visible
-        )
+        made = self.gui.add_button(label, icon=named, hint=hint or None, color=color)
         self.on(made, lambda client, _: act(*[client] * by_page))
-        return made
+        return self.offer(made, when)
+
+    def offer(self, widget: Widget, when: When) -> Widget:
+        """Let a widget be seen when it can be used; None: always."""
+        if when is not None:
+            widget.visible = False
+            self.reflect(widget, visible=when)
+        return widget
 
     def buttons(
         self, label: str, names: Sequence[str], act: Callable[[str], object], hint: str = "",
-        visible: bool = True,
+        when: When = None,
     ) -> viser.GuiButtonGroupHandle:  # fmt: skip
         """Add a row of buttons that call `act` with their names."""
-        return self.bind(
-            self.gui.add_button_group(label, tuple(names), hint=hint or None, visible=visible), act
-        )
+        made = self.gui.add_button_group(label, tuple(names), hint=hint or None)
+        return self.offer(self.bind(made, act), when)
 
     def check(
         self, label: str, on: bool, act: Callable[[bool], object], hint: str = "",
-        visible: bool = True,
+        when: When = None,
     ) -> viser.GuiCheckboxHandle:  # fmt: skip
         """Add a check box."""
-        return self.bind(self.gui.add_checkbox(label, on, hint=hint or None, visible=visible), act)
+        made = self.gui.add_checkbox(label, on, hint=hint or None)
+        return self.offer(self.bind(made, act), when)
 
     def toggle(self, label: str, option: str, hint: str = "") -> viser.GuiCheckboxHandle:
         """Add a check box of an option of Display."""
@@ -495,6 +526,7 @@ class Page:
     def _tried(self, client: Client, act: Callable[[], object]) -> None:
         try:
             act()
+            self.refresh()
         except Exception as error:
             log.exception("callback failed")
             self.notify("error", "That did not work", f"{type(error).__name__}: {error}", client)

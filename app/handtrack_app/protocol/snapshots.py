@@ -154,6 +154,11 @@ class TimelineSnapshot:
         return self.start + len(self.status)
 
     @property
+    def has_poses(self) -> bool:
+        """Whether a frame was tracked or set."""
+        return bool((self.status >= 0).any() or self.by_hand)
+
+    @property
     def accepted(self) -> frozenset[int]:
         """Frames that no tracking changes."""
         return self.marked.get("accepted", frozenset())
@@ -273,6 +278,11 @@ class SessionSnapshot:
     """the hand's size is still to be fitted"""
     shape: tuple[ShapeNumber, ...]
     """of the model's person, number by number"""
+
+    @property
+    def can_be_found(self) -> bool:
+        """Whether there is what a search for the model looks at."""
+        return self.kind == "hand" or KEYPOINTS in self.observed
 
 
 class Hold(NamedTuple):

@@ -141,8 +141,8 @@ def test_what_is_not_of_this_hand_is_not_held_and_a_drag_that_tells_nothing_chan
     session, pose, card = shown
     behind = card.centre - card.rotation[2]
     assert hold_at(session, pose, card, 0, behind) is None
-    for turns in (False, True):
-        drag = WholeDrag(card, pose.values[:6], pose.middle, pose.joints[0], turns)
+    for middle in (None, pose.middle):
+        drag = WholeDrag(card, pose.values[:6], pose.joints[0], middle)
         assert drag.to(behind) is None
     assert drag.to(pose.middle) is None, "on the axis itself"
 

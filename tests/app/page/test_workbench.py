@@ -3,6 +3,7 @@ through a camera of its own; the next step is offered; settings are undone; name
 
 import json
 import threading
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -14,7 +15,6 @@ from numpy.testing import assert_allclose
 from handtrack.geometry.rotation import matrix_from_quaternion
 from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.page.page import Display
-from handtrack_app.page.scene.model_view import update_hand
 from handtrack_app.protocol import snapshots
 from tests.app.desk import shown, value_of
 from tests.app.engine.test_saving_settings import TEXT
@@ -35,8 +35,9 @@ def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench)
         turned = matrix_from_quaternion(np.array(drawn.wxyz))
         assert_allclose(turned, camera.rotation.T, atol=1e-6)
         assert_allclose(drawn.position, camera.centre, atol=1e-6)
-    drawn = SimpleNamespace(visible=True)
-    update_hand(replace(stage.hand, bones=drawn, joints=drawn), pose_snapshot(document), Display())
+    drawn, hand = SimpleNamespace(visible=True), copy(stage.hand)
+    hand.bones = hand.joints = drawn
+    hand.move_to_pose(pose_snapshot(document), Display())
     names = document.model.skeleton.bone_names
     ends = drawn.batched_positions[len(names) :]  # of each bone, after where it begins
     knuckle = bones.position[names.index("index_intermediate")]

@@ -28,7 +28,7 @@ from tests.app.desk import in_threads
 from tests.experiments.workbench.wire import WireClient
 
 _PRODUCT = tuple(str(Path(package.__path__[0])) for package in (handtrack, handtrack_app))
-_MOVED = "update_hand"
+_MOVED = "move_to_pose"
 _TRACKED_FRAMES = 20
 
 

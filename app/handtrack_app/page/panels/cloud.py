@@ -41,7 +41,6 @@ class CloudPanel(Panel):
 
     mark: Callable[..., None]
     """`Stage.mark_box`"""
-    large: viser.PanelHandle | None = None
     large_picture: viser.GuiHtmlHandle | None = None
     known: dict[str, SettingWidget] = field(default_factory=dict)
     """settings of [clouds]; 0 switches a filter off"""
@@ -50,42 +49,46 @@ class CloudPanel(Panel):
     def build(self) -> None:
         page, gui, display = self.page, self.gui, self.state.display
         card = self.state.session.clouds
-        self.picture = gui.add_html("", visible=False)
+        self.picture = page.offer(
+            gui.add_html(""), lambda: display.cloud_picture != "none" and not display.cloud_wide
+        )
         self.said = gui.add_html("")
         self.counts = gui.add_html("")
-        self.note = gui.add_html(_note(card))
+        page.reflect(gui.add_html(""), content=lambda: _note(self.state.session.clouds))
         self.which = page.choice(
-            "Picture", _PICTURES, partial(self._show, "cloud_picture"),
+            "Picture", _PICTURES, partial(page.draw, "cloud_picture"),
             "Cameras: each point in the colour of the filter that dropped it; yellow ones stay.",
         )  # fmt: skip
-        wider = partial(self._show, "cloud_wide")
-        self.wide = page.check("Large", display.cloud_wide, wider, "Over the scene.")
-        self.scene = gui.add_folder("In the scene")
-        with self.scene:
+        self.wide = page.toggle("Large", "cloud_wide", "Over the scene.")
+        for widget in (self.which, self.wide):
+            page.offer(widget, lambda: len(self.which.options) > 1)
+        with page.offer(gui.add_folder("In the scene"), self._has_clouds):
             self.on = page.toggle("Cloud", "cloud")
-            self.colour = page.choice(
-                "Colour", _COLOURS, partial(self._show, "cloud_colour"),
+            page.choice(
+                "Colour", _COLOURS, partial(page.draw, "cloud_colour"),
                 "Distance to the model: blue inside, grey on its surface, orange outside.",
             )  # fmt: skip
             size = gui.add_slider("Point mm", 0.4, 6.0, 0.2, display.cloud_size_mm)
-            page.bind(size, partial(self._show, "cloud_size_mm"))
-            self.legend = gui.add_html(ramp_legend())
-        with gui.add_folder("Crop") as crop:
+            page.bind(size, partial(page.draw, "cloud_size_mm"))
+            self.legend = page.offer(
+                gui.add_html(ramp_legend()), lambda: display.cloud_colour == "residual"
+            )
+        with page.offer(gui.add_folder("Crop"), self._has_clouds):
             self._add(*CROP)
-        with gui.add_folder("Thin, and drop outliers", expand_by_default=False) as thin:
+        thin = gui.add_folder("Thin, and drop outliers", expand_by_default=False)
+        with page.offer(thin, self._has_clouds):
             self._add(*THIN)
-        self.folders = (self.scene, crop, thin)
         if card.image_cameras:  # else there is no colour
             self.skin = SkinControls(page, self.set, self._mark)
         if card.pairs:
             with gui.add_folder("Stereo", expand_by_default=not card.source):
                 pairs = {" – ".join(pair): pair for pair in card.pairs}
                 first = " – ".join(card.pair or card.pairs[0])
-                page.choice("Pair", pairs, self._choose_pair, now=first)
+                page.choice("Pair", pairs, partial(page.draw, "stereo_pair"), now=first)
                 self._add(*STEREO)
-                self.take_pair = page.button(
+                page.button(
                     "Clouds from this pair", lambda: self.set(stereo=(self.pair,)), "arrow-merge",
-                    "Computes the session's clouds from these two cameras, in place of any pair before.", visible=False,
+                    "Computes the session's clouds from these two cameras, in place of any pair before.", when=self._is_other_pair,
                 )  # fmt: skip
         self.saved = SavedSettings(
             page, "clouds", "the table [clouds]", "Discards unsaved changes."
@@ -97,18 +100,16 @@ class CloudPanel(Panel):
         for name, one in self.known.items():
             one.show(card.values.get(name))
         self.known["front_m"].widget.disabled = card.values.get("component") != "nearest"
-        for folder in self.folders:
-            put(folder, visible=bool(card.source))
         if self.skin is not None:
             self.skin.fit(card)
-            put(self.skin.folder, visible=bool(card.source))
-        if card.pairs:
-            self._offer_pair()
         if not card.source:
             self.counts.content = ""
-        self._offer_pictures(card)
-        self.saved.show(session.unsaved["clouds"])
-        self.note.content = _note(card)
+        # the pictures that there are
+        some = {"images": bool(card.source), "stereo": bool(card.pairs), "none": True}
+        words = {w: p for w, p in _PICTURES.items() if some[p]}
+        wished = self.state.display.cloud_picture
+        shown = next((w for w, p in words.items() if p == wished), "none")
+        put(self.which, options=tuple(words), value=shown)
 
     def _add(self, *names: str) -> None:
         """Add settings where the page builds now."""
@@ -123,14 +124,12 @@ class CloudPanel(Panel):
         """The pair that is looked at."""
         return self.state.display.stereo_pair or self.state.session.clouds.pair
 
-    def _choose_pair(self, pair: tuple[str, str]) -> None:
-        self.page.draw("stereo_pair", pair)
-        self._offer_pair()
-
-    def _offer_pair(self) -> None:
+    def _is_other_pair(self) -> bool:
         card = self.state.session.clouds
-        used = card.source == "stereo" and self.pair == card.pair
-        put(self.take_pair, visible=not used)
+        return card.source != "stereo" or self.pair != card.pair
+
+    def _has_clouds(self) -> bool:
+        return bool(self.state.session.clouds.source)
 
     def set(self, **values: object) -> None:
         """Change settings of [clouds]."""
@@ -138,23 +137,9 @@ class CloudPanel(Panel):
 
     def _mark(self, camera: str, client: Client, marked: Callable[..., None]) -> None:
         """Have a box dragged over a camera's image; the large picture would stand before it."""
-        self._show("cloud_wide", False)
+        self.page.draw("cloud_wide", False)
         self.wide.value = False
         self.mark(camera, client, "skin, away from its edges", marked)
-
-    def _offer_pictures(self, card: CloudCard) -> None:
-        """Offer the pictures that there are."""
-        some = {"images": bool(card.source), "stereo": bool(card.pairs), "none": True}
-        words = {w: p for w, p in _PICTURES.items() if some[p]}
-        wished = self.state.display.cloud_picture
-        shown = next((w for w, p in words.items() if p == wished), "none")
-        put(self.which, options=tuple(words), value=shown)
-        self.which.visible = self.wide.visible = len(words) > 1
-
-    def _show(self, name: str, value: object) -> None:
-        self.page.draw(name, value)
-        self.legend.visible = self.state.display.cloud_colour == "residual"
-        self._place_picture()
 
     # ---- snapshots
 
@@ -169,23 +154,18 @@ class CloudPanel(Panel):
         shown = {name: picture(one, name) for name, one in cloud.images.items()}
         widget.content = pictures(shown, kind)
         self.said.content = escaped(cloud.words)
-        self._place_picture()
 
     def _large(self) -> viser.GuiHtmlHandle:
         if self.large_picture is None:
             gui = self.gui
-            self.large = gui.add_panel()
-            with self.large.add_tab("Picture"):
+            panel, display = gui.add_panel(), self.state.display
+            with panel.add_tab("Picture"):
                 self.large_picture = gui.add_html("")
-            self.large.float(x=16, y=16, width=560)
+            panel.float(x=16, y=16, width=560)
+            self.page.reflect(
+                panel, visible=lambda: display.cloud_picture != "none" and display.cloud_wide
+            )
         return self.large_picture
-
-    def _place_picture(self) -> None:
-        display = self.state.display
-        some = display.cloud_picture != "none"
-        self.picture.visible = some and not display.cloud_wide
-        if self.large is not None:
-            self.large.visible = some and display.cloud_wide
 
 
 def _note(card: CloudCard) -> str:
@@ -267,11 +247,12 @@ class SkinControls(Part):
 
     def build(self) -> None:
         page, gui = self.page, self.gui
-        self.folder = gui.add_folder("Skin colour", expand_by_default=False)
-        with self.folder:
+        folder = gui.add_folder("Skin colour", expand_by_default=False)
+        with page.offer(folder, lambda: bool(self.state.session.clouds.source)):
             self.words = gui.add_html("")
             self.on = page.check(
-                "Skin only", False, lambda on: self.set(skin=self.ellipse if on else None), "Drop points of other colours."
+                "Skin only", False, lambda on: self.set(skin=self.ellipse if on else None), "Drop points of other colours.",
+                lambda: self.ellipse is not None,
             )  # fmt: skip
             self.size = page.bind(
                 gui.add_slider(
@@ -310,5 +291,5 @@ class SkinControls(Part):
         if isinstance(skin, SkinEllipse):
             self.ellipse, words = skin, f"r {skin.mean[0]:.3f}, g {skin.mean[1]:.3f}"
             put(self.size, value=min(max(skin.size, _SIZE[0]), _SIZE[1]))
-        put(self.on, value=skin is not None, visible=self.ellipse is not None)
+        put(self.on, value=skin is not None)
         put(self.words, content=escaped(f"Colour of skin: {words}"))

@@ -8,8 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
-import viser
-
 from handtrack.setting import Setting
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, sheet, text
@@ -27,8 +25,6 @@ class MaskPanel(Panel):
     """Handles of the mask tab."""
 
     stage: Stage
-    methods: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
-    """a folder for each method, of which the one in force shows"""
     settings: dict[str, dict[str, SettingWidget]] = field(default_factory=dict)
     """by method and name"""
 
@@ -36,7 +32,7 @@ class MaskPanel(Panel):
         page, gui, cameras = self.page, self.gui, self.state.session.masks
         names = tuple(camera.name for camera in cameras)
         possible = [n for n in METHOD_WORDS if any(n in camera.possible for camera in cameras)]
-        self.sheet = gui.add_html("", visible=False)
+        self.sheet = page.offer(gui.add_html(""), lambda: self.state.display.masks)
         self.wrong = gui.add_html("")
         self.note = gui.add_html("")
         self.on = page.check(
@@ -50,8 +46,8 @@ class MaskPanel(Panel):
         for method in possible:
             if not (known := settings_of(method)):
                 continue
-            with gui.add_folder(METHOD_WORDS[method], visible=False) as folder:
-                self.methods[method] = folder
+            folder = gui.add_folder(METHOD_WORDS[method])
+            with page.offer(folder, lambda method=method: self._shown_camera().method == method):
                 self.settings[method] = {
                     name: SettingWidget(page, one, partial(self._set, name))
                     for name, one in known.items()
@@ -65,11 +61,11 @@ class MaskPanel(Panel):
                 "Drag a box over the image", partial(self._drag, "roi"), "marquee-2",
                 "Pixels outside it are not observed.", by_page=True,
             )  # fmt: skip
-            self.no_box = page.button(
-                "No box", lambda: self._set("roi", None, one=True), "x", visible=False
-            )
+            page.button(
+                "No box", lambda: self._set("roi", None, one=True), "x", when=lambda: self._shown_camera().roi is not None
+            )  # fmt: skip
         self.saved = SavedSettings(
-            page, "masks", "the cameras' masks and roi", "Discards unsaved changes; corrections stay."
+            page, "masks", "the cameras' masks and roi", "Discards unsaved changes; corrections stay.", "masks of {}"
         )  # fmt: skip
         self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
 
@@ -77,7 +73,6 @@ class MaskPanel(Panel):
         """Show what is in force."""
         self._show_chosen()
         self.note.content = escaped(session.mask_words)
-        self.saved.show(f"masks of {name}" for name in session.unsaved["masks"])
 
     # ---- which camera
 
@@ -97,12 +92,9 @@ class MaskPanel(Panel):
     def _show_chosen(self) -> None:
         camera = self._shown_camera()
         put(self.method, value=METHOD_WORDS[camera.method])
-        for method, folder in self.methods.items():
-            put(folder, visible=method == camera.method)
         for name, one in self.settings.get(camera.method, {}).items():
             if name in camera.values:
                 one.show(camera.values[name])
-        put(self.no_box, visible=camera.roi is not None)
         said = "no box: the whole image is used"
         if camera.roi is not None:
             said = "{2} × {3} px from {0}, {1}".format(*camera.roi)
@@ -113,7 +105,6 @@ class MaskPanel(Panel):
     def _show_masks(self, on: bool) -> None:
         self.page.draw("masks", on)
         put(self.on, value=on)
-        put(self.sheet, visible=on)
         if on:
             self.wrong.content = escaped("Masks are being made …")
 
@@ -137,7 +128,7 @@ class MaskPanel(Panel):
     def show(self, masks: MaskPicture) -> None:
         """Show the masks of a frame."""
         if masks.thumbnails and self.state.display.masks:
-            put(self.sheet, content=sheet(masks.frame, masks.thumbnails), visible=True)
+            put(self.sheet, content=sheet(masks.frame, masks.thumbnails))
         self.wrong.content = escaped(masks.words)
         self.correcting.show_corrections(masks.corrected)
 
@@ -200,11 +191,12 @@ class CorrectingWidgets(Part):
             self.radius = gui.add_slider("Radius px", *_RADIUS, 10, hint="Keys [ and ].")
             self.paint = page.button(
                 "Paint over the mask", self._begin, "brush",
-                "Opens the camera view without the model. Drag or click to paint with the brush above. Undo removes a stroke.", by_page=True,
+                "Opens the camera view without the model. Drag or click to paint with the brush above. Undo removes a stroke.",
+                when=lambda: self._painter is None, by_page=True,
             )  # fmt: skip
             self.done = page.button(
-                "Done painting", self._end, "check", color=None, visible=False, by_page=True
-            )
+                "Done painting", self._end, "check", color=None, when=lambda: self._painter is not None, by_page=True
+            )  # fmt: skip
             page.button("Drop this frame's correction", self._drop, "eraser", by_page=True)
             self.before = gui.add_slider("Before", 0, _MOST, 1, 3)
             self.behind = gui.add_slider("After", 0, _MOST, 1, 3)
@@ -236,8 +228,6 @@ class CorrectingWidgets(Part):
     def _show_painting(self, painter: Client | None) -> None:
         """Take who paints; nobody does any more, for None."""
         before, self._painter = self._painter, painter
-        put(self.paint, visible=painter is None)
-        put(self.done, visible=painter is not None)
         if before is not None:
             before.modal = None
             _send_brush(before, 0.0)

@@ -38,11 +38,9 @@ from handtrack_app.protocol.palette import (
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     IMAGES,
-    KEYPOINTS,
     GuessesSnapshot,
     PinCard,
     PoseSnapshot,
-    ProgressSnapshot,
     ScoreSnapshot,
     SessionSnapshot,
     WorkSnapshot,
@@ -174,8 +172,6 @@ class PosePanel(Panel):
         """Make the sliders fit a session: rebuilt when its parameters change, else only limits and couplings."""
         if session.parameter_names != self.names:
             self._rebuild(session)
-        if not self.guesses.possible:
-            self.guesses.find.visible = False
         for s, name in enumerate(session.parameter_names):
             slider, driven = self.sliders[name], name in session.driven
             slider.disabled = driven
@@ -429,17 +425,20 @@ class GuessesPanel(Part):
         """Add the widgets where the page builds now."""
         gui, page, kind = self.gui, self.page, self.state.kind
         self.find = page.buttons(
-            f"Detect {kind}", (_HERE, _ANYWHERE), lambda name: self.search(name == _ANYWHERE), _FIND_HINTS[kind]
+            f"Detect {kind}", (_HERE, _ANYWHERE), lambda name: self.search(name == _ANYWHERE), _FIND_HINTS[kind],
+            lambda: self.state.session.can_be_found and self.state.is_free(),
         )  # fmt: skip
         self.fetch = page.button(
             f"Install detector ({DOWNLOAD_MB} MB)", lambda: self.search(fetch=True), "download",
             "Two networks that find a hand in the images of two cameras, whatever its posture, are not installed yet. This fetches them "
-            "by pip, once for all recordings. Google's, Apache License 2.0.", visible=False,
+            "by pip, once for all recordings. Google's, Apache License 2.0.", when=self._can_fetch,
         )  # fmt: skip
         self.cancel = page.button(
-            "Cancel the search", page.engine.cancel, "player-stop", color="red", visible=False
+            "Cancel the search", page.engine.cancel, "player-stop", color="red", when=self._is_searching
+        )  # fmt: skip
+        self.folder = page.offer(
+            gui.add_folder("Other poses"), lambda: bool(self.guesses and self.guesses.guesses)
         )
-        self.folder = gui.add_folder("Other poses", visible=False)
         with self.folder:
             self.list = gui.add_html("")
             self.takes = page.buttons(
@@ -470,25 +469,18 @@ class GuessesPanel(Part):
         if ranks:
             put(self.takes, options=ranks)
         self.list.content = _table(guesses)
-        self.folder.visible = bool(guesses.guesses)
         if guesses.is_new:
             self.take(0)
 
-    def show_progress(self, progress: ProgressSnapshot) -> None:
-        """Show whether something can be cancelled, and nothing that cannot be pressed."""
-        busy = progress.is_busy
-        searching = busy and progress.state == "preparing" and progress.job == "finding"
-        put(self.cancel, visible=searching)
-        put(self.find, visible=self.possible and not busy)
+    def _is_searching(self) -> bool:
+        progress = self.state.progress
+        return progress.state == "preparing" and progress.job == "finding"
+
+    def _can_fetch(self) -> bool:
+        """Return whether a detector helps here, and there is none."""
         session = self.state.session
         helps = session.kind == "hand" and IMAGES in session.observed and len(session.cameras) > 1
-        put(self.fetch, visible=helps and not busy and not has_weights())
-
-    @property
-    def possible(self) -> bool:
-        """Whether there is something to look at."""
-        session = self.state.session
-        return session.kind == "hand" or KEYPOINTS in session.observed
+        return helps and self.state.is_free() and not has_weights()
 
 
 def _percent(share: float) -> str:
@@ -535,13 +527,13 @@ class PinPanel(Part):
                 "While you drag a joint: fit the other joints to the images, or change them as little as possible.",
             )  # fmt: skip
             self.list = gui.add_html(_NO_PINS)
-            self.drop = page.button(
+            page.button(
                 "Remove the last pin", self._drop_last, "pin",
-                "Removes the pin that was placed last. Ctrl-Z undoes the last drag instead.", visible=False,
+                "Removes the pin that was placed last. Ctrl-Z undoes the last drag instead.", when=lambda: bool(self.pins),
             )  # fmt: skip
-            self.drop_all = page.button(
+            page.button(
                 "Drop all pins of this frame", lambda: self._drop(None), "pinned-off",
-                "The tracked pose shows again.", visible=False,
+                "The tracked pose shows again.", when=lambda: bool(self.pins),
             )  # fmt: skip
         page.key("Remove the last pin", "Backspace", self._drop_last)
         fit_or_keep = "Pins: fit other joints to the images, or keep them"
@@ -558,8 +550,6 @@ class PinPanel(Part):
         self.pins = pose.pins
         near_m = near_joint_m(self.state.session)
         put(self.list, content=pin_list(pose.pins, near_m, gain) if pose.pins else _NO_PINS)
-        for button in (self.drop, self.drop_all):
-            put(button, visible=bool(pose.pins))
 
     def _hold(self, choice: str) -> None:
         self.grips.by_images = choice == FITTED

@@ -39,43 +39,53 @@ class ReviewPanel(Panel):
     _asked: tuple[ReviewInterval, ...] = ()
     """intervals whose pictures were asked for"""
     _pictures: dict[int, str] = field(default_factory=dict)
-    moved: Callable[[], None] = lambda: None
-    """called when another interval is gone to"""
     _met: dict[tuple[int, int], None] = field(default_factory=dict)
     """intervals that were in the queue, first and last frame: those that are accepted by now are done"""
 
     def build(self) -> None:
         page, gui = self.page, self.gui
         self.about = gui.add_html("")
-        self.off = gui.add_html("", visible=False)
+        self.off = page.reflect(gui.add_html(""), content=self._camera_words)
         self.correct = page.button(
             "Apply correction", self._correct, "tool",
-            "Uses the camera corrections that joint optimisation estimated; calibration.toml stays unchanged. Then track again.", visible=False,
+            "Uses the camera corrections that joint optimisation estimated; calibration.toml stays unchanged. Then track again.",
+            when=lambda: bool(self.strip.cameras_off),
         )  # fmt: skip
         self.restore = page.button(
             "Remove correction", partial(self._correct, on=False), "x",
-            "Uses the original calibration. Then track again.", visible=False,
+            "Uses the original calibration. Then track again.", when=lambda: bool(self.strip.cameras_corrected),
         )  # fmt: skip
+        page.reflect(
+            self.correct, label=lambda: f"Apply correction to {', '.join(self.strip.cameras_off)}"
+        )
+        page.reflect(
+            self.restore,
+            label=lambda: f"Remove correction of {', '.join(self.strip.cameras_corrected)}",
+        )
         self.head = gui.add_html("")
         self.accept_next = page.button(
             "Accept and next", partial(self.do_accept, ""), "check",
-            "Accepts the interval (outside of one, the frame) and goes to the next. Key: Shift Y.", None, visible=False,
+            "Accepts the interval (outside of one, the frame) and goes to the next. Key: Shift Y.", None,
+            lambda: bool(self.intervals),
         )  # fmt: skip
         self.go = page.buttons(
             "Go to", _GO, lambda name: self.step(1 if name == "Next" else -1),
-            "In the queue, worst first. Keys: Shift Z next, Shift U previous.", visible=False,
+            "In the queue, worst first. Keys: Shift Z next, Shift U previous.", lambda: bool(self.intervals),
         )  # fmt: skip
         self.accept = page.buttons(
             "Accept", _ACCEPT, self.do_accept,
-            "Accepts the selected interval, this frame, or every confident frame. Tracking and refining leave accepted frames unchanged.", visible=False,
+            "Accepts the selected interval, this frame, or every confident frame. Tracking and refining leave accepted frames unchanged.",
+            lambda: self.strip.has_poses,
         )  # fmt: skip
         self.release = page.buttons(
-            "Release", _LET_GO, self.let_go, "Tracking and refining may change these again.", visible=False
+            "Release", _LET_GO, self.let_go, "Tracking and refining may change these again.",
+            lambda: bool(self.strip.accepted),
         )  # fmt: skip
-        self.here = gui.add_html("")
+        self.here = page.reflect(gui.add_html(""), content=self._here_words)
         for n in range(_ROWS):
-            self.cards.append(gui.add_html("", visible=False))
-            self.rows.append(page.button("–", partial(self._chosen, n), visible=False))
+            there = partial(self._is_listed, n)
+            self.cards.append(page.offer(gui.add_html(""), there))
+            self.rows.append(page.button("–", partial(self._chosen, n), when=there))
         self.more = gui.add_html("")
         page.key("Review: next in the queue", "shift+Z", partial(self.step, 1))
         page.key("Review: previous in the queue", "shift+U", partial(self.step, -1))
@@ -116,7 +126,9 @@ class ReviewPanel(Panel):
             self.page.play(False)
             self.page.go_to(self.intervals[place].worst)
             self._show()
-            self.moved()
+
+    def _is_listed(self, row: int) -> bool:
+        return self._first_row + row < len(self.intervals)
 
     def _chosen(self, row: int) -> None:
         self.visit(self._first_row + row)
@@ -192,40 +204,39 @@ class ReviewPanel(Panel):
         left = {(s.first, s.last) for s in self.intervals}
         return sum(accepted.issuperset(range(a, b + 1)) for a, b in self._met if (a, b) not in left)
 
-    def show_frame(self) -> None:
-        """Say what is to be said of the frame shown."""
-        frame = self.state.frame
-        put(self.here, content=here_words(frame, frame in self.strip.accepted, self.current))
+    def _here_words(self) -> str:
+        """Return what is to be said of the frame shown."""
+        frame, interval = self.state.frame, self.current
+        accepted = frame in self.strip.accepted
+        said = f"<b>Frame {frame}</b> is accepted, and locked. " if accepted else ""
+        if interval is not None:
+            said += (
+                f"<b>{str(interval).partition(',')[0]}</b>: ≈ {interval.expected:.0f} frames wrong; worst {interval.worst}: "
+                f"{html.escape(interval.words)}."
+            )
+        return f"<div class='handtrack-queue'>{text(said, faint=False)}</div>"
+
+    def _camera_words(self) -> str:
+        """Return which cameras are off or corrected, and by how much: all of each can be changed."""
+        off, corrected = self.strip.cameras_off, self.strip.cameras_corrected
+        lines = [f"Estimated error of camera '{name}': {off[name]}." for name in off]
+        lines += [f"Camera '{name}' is corrected by {corrected[name]}." for name in corrected]
+        shown = "<br>".join(map(html.escape, lines))
+        return text(shown, faint=False, kind="handtrack-warning" if off else "")
 
     def _show(self) -> None:
-        strip = self.strip
-        tracked = bool((strip.status >= 0).any() or strip.by_hand)
-        put(self.head, content=head_words(strip, self.at, self.done))
-        self._show_cameras(strip)
-        for button in (self.accept_next, self.go):
-            put(button, visible=bool(self.intervals))
-        put(self.accept, visible=tracked)
-        put(self.release, visible=bool(strip.accepted))
+        put(self.head, content=head_words(self.strip, self.at, self.done))
         first = self._first_row
-        for n, row in enumerate(self.rows):
-            place = first + n
-            there = place < len(self.intervals)
-            if there:
-                interval = self.intervals[place]
-                span, _, brief = str(interval).partition(", ")
-                here = "handtrack-here" if place == self.at else ""
-                shown = self._pictures.get(interval.worst, "")
-                put(row, label=str(interval), hint=interval.words)
-                put(
-                    self.cards[n],
-                    content=card(span, (brief,), shown, f"handtrack-interval {here}"),
-                )
-            put(self.cards[n], visible=there)
-            put(row, visible=there)
+        shown = self.intervals[first : first + _ROWS]
+        for n, (interval, row) in enumerate(zip(shown, self.rows, strict=False)):
+            span, _, brief = str(interval).partition(", ")
+            here = "handtrack-here" if first + n == self.at else ""
+            image = self._pictures.get(interval.worst, "")
+            put(row, label=str(interval), hint=interval.words)
+            put(self.cards[n], content=card(span, (brief,), image, f"handtrack-interval {here}"))
         left = len(self.intervals) - first - _ROWS
         words = f"{first} before these, {left} after" if first else f"{left} more"
         put(self.more, content=text(words) if left > 0 or first else "")
-        self.show_frame()
         self.ask()
 
     def ask(self) -> None:
@@ -240,26 +251,10 @@ class ReviewPanel(Panel):
         self._pictures = {frame: picture(image) for frame, image in close.pictures.items()}
         self._show()
 
-    def _show_cameras(self, strip: TimelineSnapshot) -> None:
-        """Say which cameras are off or corrected, and by how much: all of each can be changed."""
-        off, corrected = strip.cameras_off, strip.cameras_corrected
-        lines = [f"Estimated error of camera '{name}': {off[name]}." for name in off]
-        lines += [f"Camera '{name}' is corrected by {corrected[name]}." for name in corrected]
-        shown = "<br>".join(map(html.escape, lines))
-        shown = text(shown, faint=False, kind="handtrack-warning" if off else "")
-        put(self.off, content=shown, visible=bool(lines))
-        for button, words, names in (
-            (self.correct, "Apply correction to", list(off)),
-            (self.restore, "Remove correction of", list(corrected)),
-        ):
-            if names:
-                put(button, label=f"{words} {', '.join(names)}")
-            put(button, visible=bool(names))
-
 
 def head_words(strip: TimelineSnapshot, at: int | None, done: int = 0) -> str:
     """Return how much there is to be looked at, and how much was accepted. done: intervals of the queue that are."""
-    if not ((strip.status >= 0).any() or strip.by_hand):
+    if not strip.has_poses:
         return text(
             "Track some frames first. Intervals to check are listed here, the worst first.",
             faint=False,
@@ -279,17 +274,6 @@ def head_words(strip: TimelineSnapshot, at: int | None, done: int = 0) -> str:
     return text(look + locked, faint=False)
 
 
-def here_words(frame: int, accepted: bool, interval: ReviewInterval | None) -> str:
-    """Return what is to be said of the frame shown."""
-    said = f"<b>Frame {frame}</b> is accepted, and locked. " if accepted else ""
-    if interval is not None:
-        said += (
-            f"<b>{str(interval).partition(',')[0]}</b>: ≈ {interval.expected:.0f} frames wrong; worst {interval.worst}: "
-            f"{html.escape(interval.words)}."
-        )
-    return f"<div class='handtrack-queue'>{text(said, faint=False)}</div>"
-
-
 # ---- The one next step of the work, over the timeline
 
 
@@ -304,70 +288,57 @@ class NextStep(Part):
     tracking: TrackingPanel
     guesses: GuessesPanel
     review: ReviewPanel
-    step: Step | None = None
 
     def build(self) -> None:
-        gui = self.gui
-        self.words = gui.add_html("", visible=False)
-        self.button = self.page.button(
-            "Next", lambda client: self.step and self.step[2](client), color=None, visible=False, by_page=True
-        )  # fmt: skip
+        self.words = self.gui.add_html("", visible=False)
+        self.button = self.page.button("Next", self._take, color=None, by_page=True)
+        self.page.watch(self._show)
 
-    def show(self) -> None:
-        """Offer the step that the recording's state calls for; none while something runs."""
-        state = self.state
-        self.step = step = None
-        if state.progress.state == "idle" and not state.session.live:
-            self.step = step = self._of(state.strip, bool(state.session.observed))
+    def _show(self) -> None:
+        step = self._step()
         if step is not None:
             words, label, _ = step
             kind = "" if words else "handtrack-aside"
-            put(
-                self.words,
-                content=f"<div class='handtrack-next {kind}'>{html.escape(words)}</div>",
-            )
+            shown = f"<div class='handtrack-next {kind}'>{html.escape(words)}</div>"
+            put(self.words, content=shown)
             put(self.button, label=label)
-        put(self.words, visible=step is not None)
-        put(self.button, visible=step is not None)
+        for widget in (self.words, self.button):
+            put(widget, visible=step is not None)
 
-    def _of(self, strip: TimelineSnapshot, has_views: bool) -> Step | None:
-        phrase, tracked = self.page.phrase, np.flatnonzero(strip.status >= 0)
+    def _take(self, client: Client) -> None:
+        if (step := self._step()) is not None:
+            step[2](client)
+
+    def _step(self) -> Step | None:
+        """Return the step that the recording's state calls for; none while something runs."""
+        state, strip, phrase = self.state, self.state.strip, self.page.phrase
+        if not state.is_idle() or state.session.live:
+            return None
         if strip.hidden:
             take = max(span.take for span in strip.hidden)
-            return (
-                hidden_words(strip.hidden),
-                "Show them",
-                lambda _: self.engine.show_take(take),
-            )
-        if not has_views:
+            return hidden_words(strip.hidden), "Show them", lambda _: self.engine.show_take(take)
+        if not state.session.observed:
             return None
-        if not strip.is_posed:
-            if not self.guesses.possible:
-                return (
-                    phrase("No pose yet. Drag the {kind} onto its picture."),
-                    "Open a camera view",
-                    lambda client: self.page.open_tab(client, "View"),
-                )
+        if not strip.is_posed and state.session.can_be_found:
             words = phrase("No pose yet. Detect the {kind}, or drag it onto its picture.")
-            return (words, phrase("Detect {kind}"), lambda _: self.guesses.search(anywhere=True))
+            return words, phrase("Detect {kind}"), lambda _: self.guesses.search(anywhere=True)
+        if not strip.is_posed:
+            words = phrase("No pose yet. Drag the {kind} onto its picture.")
+            return words, "Open a camera view", lambda client: self.page.open_tab(client, "View")
+        tracked = np.flatnonzero(strip.status >= 0)
         if len(tracked) < 2:
             words = phrase("The {kind} has a pose. Tracking carries it through all frames.")
-            return (words, "Track all", lambda _: self.tracking.start("all"))
+            return words, "Track all", lambda _: self.tracking.start("all")
         last, stop = strip.start + int(tracked[-1]), strip.stop
         if last + 1 < stop:
-            return (
-                "",
-                f"Continue from frame {last + 1}",
-                lambda _: self.tracking.track(last, stop, last),
-            )
-        count = len(self.review.intervals)
+            words = f"Continue from frame {last + 1}"
+            return "", words, lambda _: self.tracking.track(last, stop, last)
+        count = len(strip.intervals)
         if count and self.review.at is None:
-            return ("", f"Review {count} interval{'' if count == 1 else 's'}", self._review)
-        return (
-            None
-            if count
-            else ("", "Export …", lambda client: self.page.open_tab(client, "More", "Export"))
-        )
+            return "", f"Review {count} interval{'' if count == 1 else 's'}", self._review
+        if count:
+            return None
+        return "", "Export …", lambda client: self.page.open_tab(client, "More", "Export")
 
     def _review(self, client: Client) -> None:
         self.page.open_tab(client, "Review", "Queue")

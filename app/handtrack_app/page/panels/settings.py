@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
@@ -112,27 +112,36 @@ def in_file(known: Setting, shown: float) -> float | int | bool:
     return 2 * int(shown // 2) + 1 if is_odd else round(shown)
 
 
-class SavedSettings:
-    """What is not in session.toml yet, with buttons to save it and to go back, where the page builds now."""
+@dataclass
+class SavedSettings(Part):
+    """What is not in session.toml yet, with buttons to save it and to go back."""
 
-    def __init__(self, page: Page, kind: FileKind, what: str, back_hint: str) -> None:
-        """what: is saved, in words."""
-        engine = page.engine
-        self.words = page.gui.add_html("", visible=False)
+    kind: FileKind
+    what: str
+    """is saved, in words"""
+    back_hint: str
+    named: str = "{}"
+    """how each is named"""
+
+    def build(self) -> None:
+        page, engine, kind = self.page, self.engine, self.kind
+        self.words = page.gui.add_html("")
+        page.reflect(self.words, visible=self._is_needed, content=self._words)
         self.save = page.button(
             "Save to session.toml", partial(engine.save_to_file, kind), "device-floppy",
-            f"Changes only {what}; the previous file stays in versions/.", visible=False,
+            f"Changes only {self.what}; the previous file stays in versions/.", when=self._is_needed,
         )  # fmt: skip
         self.back = page.button(
-            "Back to session.toml", partial(engine.restore_from_file, kind), "restore", back_hint, visible=False
+            "Back to session.toml", partial(engine.restore_from_file, kind), "restore", self.back_hint,
+            when=self._is_needed,
         )  # fmt: skip
 
-    def show(self, names: Iterable[str]) -> None:
-        """Show the names of what is not saved; nothing where all is."""
-        named = ", ".join(names)
-        put(self.words, content=escaped(f"Not in session.toml yet: {named}."))
-        for widget in (self.words, self.save, self.back):
-            put(widget, visible=bool(named))
+    def _is_needed(self) -> bool:
+        return bool(self.state.session.unsaved[self.kind])
+
+    def _words(self) -> str:
+        names = ", ".join(map(self.named.format, self.state.session.unsaved[self.kind]))
+        return escaped(f"Not in session.toml yet: {names}.")
 
 
 @dataclass
@@ -159,7 +168,6 @@ class SettingsPanel(Panel):
                 put(self.explanations[name], content=text(words))
         self._show_what_counts(session)
         self.shape.fit(session)
-        self.saved.show(self._changed)
 
     def build(self) -> None:
         page, gui, session = self.page, self.gui, self.state.session
@@ -216,9 +224,10 @@ class ShapePanel(Part):
         """Add the widgets where the page builds now."""
         page, gui, session = self.page, self.gui, self.state.session
         with gui.add_folder("Shape", expand_by_default=False) as self.folder:
-            self.size = page.button(
+            page.button(
                 "Fit the size", page.engine.fit_size, "ruler-measure",
                 f"Fits the {session.kind}'s size to frames of this recording. With scale = fit in session.toml, the first tracking does this before.",
+                when=lambda: self.state.session.can_be_found,
             )  # fmt: skip
             labels = [row.label for row in session.shape]
             self.chosen = page.choice("Number", labels, lambda _: self._show_slider(), "The number of the shape to set by hand. With scale = fit in session.toml, tracking starts from it and may change it.")  # fmt: skip
@@ -229,7 +238,6 @@ class ShapePanel(Part):
 
     def fit(self, session: SessionSnapshot) -> None:
         """Show the shape in force."""
-        put(self.size, visible=session.kind == "hand" or KEYPOINTS in session.observed)
         labels = tuple(row.label for row in session.shape)
         if tuple(self.chosen.options) != labels:
             self.chosen.options = labels
@@ -286,7 +294,7 @@ class LimitsPanel(Panel):
         self.refits.build()
         self.back = self.page.button(
             "Restore the model's limits", self._restore, "restore",
-            "Restores the joints marked •.", visible=False,
+            "Restores the joints marked •.", when=lambda: bool(self._changed_names),
         )  # fmt: skip
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -305,7 +313,6 @@ class LimitsPanel(Panel):
                 shown = degrees(session.interval[s])
                 put(self.ranges[name], value=shown)
                 self._name(name, shown)
-        self.back.visible = any(map(self._is_changed, self.ranges))
 
     def show(self, pose: PoseSnapshot) -> None:
         """Mark the present angle of every joint between its limits."""
@@ -314,10 +321,12 @@ class LimitsPanel(Panel):
             if name in self.ranges:
                 internals.mark(self.ranges[name], float(round(math.degrees(value))))
 
-    def _is_changed(self, name: str) -> bool:
-        """Return whether the user set a joint's interval; else the model's holds."""
-        s, session = self.names.index(name), self.state.session
-        return not np.array_equal(session.interval[s], session.own_interval[s])
+    @property
+    def _changed_names(self) -> set[str]:
+        """The joints whose interval the user set; of others the model's holds."""
+        session = self.state.session
+        changed = (session.interval != session.own_interval).any(axis=1)
+        return {name for name, one in zip(session.parameter_names, changed, strict=True) if one}
 
     def _add_folder(
         self, group: str, members: Sequence[str], session: SessionSnapshot, is_open: bool
@@ -337,7 +346,7 @@ class LimitsPanel(Panel):
         label = f"{label_of(name).removesuffix('°').rstrip()} {interval[0]:.0f}\u2060…\u2060{interval[1]:.0f}°".replace(
             "-", "−"
         )
-        if self._is_changed(name):
+        if name in self._changed_names:
             label += " •"
         put(self.ranges[name], label=label)
 
@@ -346,9 +355,8 @@ class LimitsPanel(Panel):
         self.engine.set_limits(name, (interval[0] * unit, interval[1] * unit))
 
     def _restore(self) -> None:
-        for name in self.ranges:
-            if self._is_changed(name):
-                self.engine.set_limits(name, None, "Limits of the model")
+        for name in self._changed_names & self.ranges.keys():
+            self.engine.set_limits(name, None, "Limits of the model")
 
 
 def degrees(interval: Sequence[float]) -> tuple[float, float]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import viser
@@ -18,6 +17,7 @@ from handtrack_app.protocol.snapshots import (
     LiveSnapshot,
     ProgressSnapshot,
     RerunPage,
+    SessionSnapshot,
     TimelineSnapshot,
     WorkSnapshot,
 )
@@ -29,64 +29,88 @@ _SIZE = "model.fit_size"
 class TrackingPanel(Panel):
     """Handles of the tracking tab."""
 
-    starters: list[Any] = field(default_factory=list)
     followed: Callable[[], None] = lambda: None
 
     def build(self) -> None:
-        page, session = self.page, self.state.session
-        self.pause = page.button("Pause", self.pause_or_go_on, "player-pause", visible=False)
-        self.cancel = page.button(
-            "Cancel", page.engine.cancel, "player-stop", color="red", visible=False
+        page, state, live = self.page, self.state, self.state.session.live
+        pause = page.button(
+            "Pause", self.pause_or_go_on, "player-pause", when=lambda: not state.is_free()
         )
-        if session.live:
-            begin = page.button(
+        page.reflect(
+            pause,
+            label=lambda: "Resume" if self._is_paused else "Pause",
+            icon=lambda: viser.Icon.PLAYER_PLAY if self._is_paused else viser.Icon.PLAYER_PAUSE,
+        )
+        page.button(
+            "Cancel", page.engine.cancel, "player-stop", color="red", when=lambda: not state.is_free()
+        )  # fmt: skip
+        if live:
+            page.button(
                 "Track live", lambda: self.start("live"), "player-play",
-                "Tracks the newest images, from the pose shown.", None,
+                "Tracks the newest images, from the pose shown.", None, state.is_free,
             )  # fmt: skip
         else:
-            begin = page.button(
+            page.button(
                 "Track all frames", lambda: self.start("all"), "player-play",
-                "Tracks forward and backward from the first-frame pose, with the same numbers as `handtrack track`. Keyframes stay, and tracking restarts from each.", None,
+                "Tracks forward and backward from the first-frame pose, with the same numbers as `handtrack track`. Keyframes stay, and tracking restarts from each.",
+                None, state.is_free,
             )  # fmt: skip
-        here = page.button(
-            "Track this frame", lambda: self.start("here"), "focus-2", "Fit the pose you see to this frame."
+        page.button(
+            "Track this frame", lambda: self.start("here"), "focus-2", "Fit the pose you see to this frame.",
+            when=state.is_free,
         )  # fmt: skip
-        self.starters = [begin, here]
-        self.later = page.check(
+        later = page.check(
             page.phrase("Fit the {kind}'s size later"), False, self._put_off,
-            "Tracks first, then fits the size to the tracked frames, and tracks again with it.", visible=False,
+            "Tracks first, then fits the size to the tracked frames, and tracks again with it.",
+            lambda: state.session.size_pending and state.is_idle(),
         )  # fmt: skip
-        if not session.live:
-            self._add_range()
-        hint = "Show the newest images; posing the {kind} halts them." if session.live else "Show each frame as it is tracked."  # fmt: skip
-        self.follow = page.check(
-            "Follow", True, self._follow, page.phrase(hint), visible=session.live
+        page.subscribe(
+            SessionSnapshot, lambda now: put(later, value=now.settings.get(_SIZE) == "later")
         )
-        self.refine = page.button(
+        if not live:
+            self._add_range()
+        hint = "Show the newest images; posing the {kind} halts them." if live else "Show each frame as it is tracked."  # fmt: skip
+        self.follow = page.check(
+            "Follow", True, self._follow, page.phrase(hint), lambda: live or not state.is_free()
+        )
+        page.reflect(self.follow, value=lambda: state.follow)
+        page.button(
             "Refine", page.engine.refine, "sparkles",
-            "Re-optimises all tracked frames jointly. Keyframes stay fixed, and neighbouring frames adapt to them. The previous track stays as a take.", visible=False,
+            "Re-optimises all tracked frames jointly. Keyframes stay fixed, and neighbouring frames adapt to them. The previous track stays as a take.",
+            when=lambda: not live and state.is_idle() and int((state.strip.status >= 0).sum()) > 1,
         )  # fmt: skip
         self.between = page.button(
             "Track between", lambda: self.start("between"), "arrows-join",
-            "Tracks again from the nearest keyframe or accepted frame before this one to the nearest after it: the first half forwards, the second backwards.", visible=False,
+            "Tracks again from the nearest keyframe or accepted frame before this one to the nearest after it: the first half forwards, the second backwards.",
+            when=lambda: self._ends is not None and state.is_idle(),
         )  # fmt: skip
+        page.reflect(
+            self.between, label=lambda: "Track between {} and {}".format(*self._ends or ("", ""))
+        )
+        if not live:
+            page.button(
+                "Save track", page.engine.save_track, "device-floppy", "Writes tracks/poses.npz into the session.",
+            )  # fmt: skip
         page.button(
-            "Save track", page.engine.save_track, "device-floppy", "Writes tracks/poses.npz into the session.",
-            visible=not session.live,
-        )  # fmt: skip
-        self.residuals = page.button(
             "Open in rerun", page.engine.open_rerun, "chart-dots",
             "Opens rerun's viewer with every camera's residuals: of all tracked frames, and of each frame that is tracked from now on.",
         )  # fmt: skip
         self.rerun = page.gui.add_markdown("", visible=False)
-        self.show()
+
+    @property
+    def _is_paused(self) -> bool:
+        return self.state.progress.state == "paused"
+
+    @property
+    def _ends(self) -> tuple[int, int] | None:
+        return frozen_ends(self.state.strip, self.state.frame)
 
     def _add_range(self) -> None:
         """Offer parts of a recording."""
-        page, gui, strip = self.page, self.gui, self.state.strip
+        page, gui, strip, free = self.page, self.gui, self.state.strip, self.state.is_free
         first, last = strip.start, max(strip.stop - 1, strip.start + 1)
-        onward = page.buttons("From here", ("◀ backward", "forward ▶"), self.start)
-        with gui.add_folder("Range") as span:
+        page.buttons("From here", ("◀ backward", "forward ▶"), self.start, when=free)
+        with page.offer(gui.add_folder("Range"), free):
             self.range = gui.add_multi_slider(
                 "Frames", first, last, 1, initial_value=(first, last), min_range=0
             )
@@ -94,9 +118,9 @@ class TrackingPanel(Panel):
                 "Track range", lambda: self.start("range"), "arrows-horizontal",
                 "Starts at this frame if it has a pose, otherwise at the nearest frame of the range that has one.",
             )  # fmt: skip
-        self.range.on_update(lambda _: self._name_range())  # whoever moved it
-        self._name_range()
-        self.starters += [onward, span]
+        page.bind(self.range, lambda _: None)
+        # the slider itself shows no numbers: they stand in its label
+        page.reflect(self.range, label=lambda: "\u2060…\u2060".join(map(str, self._chosen)))
 
     def show_rerun(self, rerun: RerunPage) -> None:
         """Show where the residuals of what is tracked can be seen."""
@@ -120,7 +144,7 @@ class TrackingPanel(Panel):
         elif which == "all":
             self.track(strip.start, strip.stop, session.first_frame, anew=True)
         elif which == "between":
-            if (ends := frozen_ends(strip, frame)) is not None:
+            if (ends := self._ends) is not None:
                 self.track(ends[0], ends[1] + 1, ends[0], both_ends=True)
         elif which == "here":
             self.track(frame, frame + 1, frame)
@@ -145,15 +169,11 @@ class TrackingPanel(Panel):
 
     def pause_or_go_on(self) -> None:
         """Let tracking wait, or go on."""
-        self.engine.pause(self.state.progress.state != "paused")
+        self.engine.pause(not self._is_paused)
 
     def _put_off(self, on: bool) -> None:
         words = self.page.phrase(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
         self.engine.set_setting(_SIZE, "later" if on else "true", words)
-
-    def _name_range(self) -> None:
-        """The slider itself shows no numbers: they stand in its label."""
-        self.range.label = "\u2060…\u2060".join(map(str, self._chosen))
 
     @property
     def _chosen(self) -> tuple[int, int]:
@@ -161,26 +181,6 @@ class TrackingPanel(Panel):
         strip = self.state.strip
         first, last = np.clip(sorted(self.range.value), strip.start, strip.stop - 1).tolist()
         return first, last
-
-    def show(self) -> None:
-        """Offer only what can be pressed now: as session, tracked frames, the frame shown and what the worker does allow."""
-        state, session, strip = self.state, self.state.session, self.state.strip
-        busy, doing = state.progress.is_busy, state.progress.state
-        paused, idle = doing == "paused", doing == "idle"
-        icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
-        put(self.pause, visible=busy, label="Resume" if paused else "Pause", icon=icon)
-        put(self.cancel, visible=busy)
-        put(self.follow, visible=busy or session.live, value=state.follow)
-        for button in self.starters:
-            put(button, visible=not busy)
-        is_later = session.settings.get(_SIZE) == "later"
-        put(self.later, visible=session.size_pending and idle, value=is_later)
-        tracked = int((strip.status >= 0).sum()) > 1
-        put(self.refine, visible=tracked and idle and not session.live)
-        ends = frozen_ends(strip, state.frame)
-        if ends is not None:
-            put(self.between, label=f"Track between {ends[0]} and {ends[1]}")
-        put(self.between, visible=ends is not None and idle)
 
 
 def frozen_ends(strip: TimelineSnapshot, frame: int) -> tuple[int, int] | None:

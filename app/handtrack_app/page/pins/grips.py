@@ -115,10 +115,9 @@ class Grips:
 
         @grip.on_click
         def _(event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:
-            index = -1 if event.instance_index is None else event.instance_index
-            if 0 <= index < len(self._session.ellipsoid_bone):
-                bone = int(self._session.ellipsoid_bone[index])
-                self.clicked(self._session.bone_names[bone])
+            session, index = self._session, event.instance_index
+            if index is not None and 0 <= index < len(session.ellipsoid_bone):
+                self.clicked(session.bone_names[int(session.ellipsoid_bone[index])])
 
         return grip
 
@@ -143,25 +142,24 @@ class Grips:
             return None
         self._count += 1
         tag, card = f"drag {self._count}", self._card_of(client)
-        root = np.array(pose.values[:6])
+        eye, root = card or window_camera(client.handle.camera), np.array(pose.values[:6])
         if card is not None and turns:
-            return partial(self._move, tag, WholeDrag(card, root, pose.middle, start, True))
-        eye = card or window_camera(client.handle.camera)
+            return partial(self._move, "Turn", tag, WholeDrag(card, root, start, pose.middle))
         index = ellipsoid_at(session, pose, start)
         hold = None if index is None else hold_at(session, pose, eye, index, start)
         if hold is None:
             return None
         if hold.bone in session.stem_bones:
             # parallel to the image, or, seen freely, to the screen
-            return partial(self._move, tag, WholeDrag(eye, root, pose.middle, start, False))
+            return partial(self._move, "Move", tag, WholeDrag(eye, root, start))
         if card is None:
             return partial(self._pull, tag, hold, place_of(hold, session, pose) - start)
         return partial(self._pin, tag, hold, card)
 
-    def _move(self, tag: str, drag: WholeDrag, end: Floats[D3]) -> None:
+    def _move(self, words: str, tag: str, drag: WholeDrag, end: Floats[D3]) -> None:
         edit = drag.to(end)
         if edit is not None:
-            self._page.edit_pose(edit, "Turn" if drag.turns else "Move", tag, is_stroke=True)
+            self._page.edit_pose(edit, words, tag, is_stroke=True)
 
     def _pull(self, tag: str, hold: Hold, off: Floats[D3], end: Floats[D3]) -> None:
         """off: from where the pointer took hold to what it holds."""
@@ -307,34 +305,31 @@ class WholeDrag:
     card: Camera
     root: Floats[D6]
     """[m, rad]"""
-    middle: Floats[D3]
-    """of the hand, world [m]"""
     start: Floats[D3]
     """what was taken hold of, world [m]"""
-    turns: bool
-    """about the line of sight to its middle; else it moves parallel to the image"""
+    middle: Floats[D3] | None = None
+    """of the hand, world [m]: it turns about the line of sight to that; None: it moves parallel to the image"""
 
     def to(self, end: Floats[D3]) -> dict[str, float] | None:
         """Return root parameters by name when the pointer is over a point, world [m]; None where that tells nothing."""
-        place = self._as_deep(end, self.middle if self.turns else self.start)
-        if place is None:
+        middle = self.middle
+        now, was = (
+            self._as_deep(p, self.start if middle is None else middle) for p in (end, self.start)
+        )
+        if now is None or was is None:
             return None
-        if not self.turns:
-            return self._edit(self.root[:3] + place - self.start, self.root[3:])
-        axis = self.middle - self.card.centre
-        axis = axis / np.linalg.norm(axis)
-        before = self._as_deep(self.start, self.middle)
-        if before is None:
-            return None
-        was, now = ((p - self.middle) - ((p - self.middle) @ axis) * axis for p in (before, place))
-        if min(np.linalg.norm(was), np.linalg.norm(now)) < _NEAR_AXIS_M:
-            return None
-        angle = np.arctan2(np.cross(was, now) @ axis, was @ now)
-        turn = rotation_matrix(axis * angle)
-        moved = self.middle + turn @ (self.root[:3] - self.middle)
-        return self._edit(moved, rotation_vector(turn @ rotation_matrix(self.root[3:])))
-
-    def _edit(self, place: Floats[D3], turn: Floats[D3]) -> dict[str, float]:
+        place, turn = self.root[:3], self.root[3:]
+        if middle is None:
+            place = place + now - was
+        else:
+            axis = middle - self.card.centre
+            axis = axis / np.linalg.norm(axis)
+            was, now = (p - middle - ((p - middle) @ axis) * axis for p in (was, now))
+            if min(np.linalg.norm(was), np.linalg.norm(now)) < _NEAR_AXIS_M:
+                return None
+            by = rotation_matrix(axis * np.arctan2(np.cross(was, now) @ axis, was @ now))
+            place = middle + by @ (place - middle)
+            turn = rotation_vector(by @ rotation_matrix(turn))
         return dict(zip(ROOT, [*place.tolist(), *turn.tolist()], strict=True))
 
     def _as_deep(self, point: Floats[D3], other: Floats[D3]) -> Floats[D3] | None:

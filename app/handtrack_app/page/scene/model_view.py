@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import viser
 
-from handtrack.arrays import D2, D3, D4, B, Bytes, Floats, Ints, N, T, V
+from handtrack.arrays import D2, D3, D4, Bytes, Floats, Ints, N, T, V
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import Display, put
 from handtrack_app.protocol.palette import GHOSTS, TRUTH, colour_of, colours_of, linear
@@ -24,129 +23,96 @@ from handtrack_app.protocol.snapshots import (
 _BONE_RADIUS = 0.0028  # [m]
 _JOINT_RADIUS = 0.0045
 _THICKER = 0.75  # power of the model's size with which bones grow thicker
-_OVER_IMAGE, _AROUND_BONES, _AMONG_POINTS = 0.3, 0.45, 0.6  # most opacity of the flesh
 _CHAINS = [[0, *range(first, first + 4)] for first in range(1, 21, 4)]
 KEYPOINT_LINKS = np.array([pair for chain in _CHAINS for pair in pairwise(chain)])
 
 
-@dataclass(frozen=True)
 class HandView:
-    """Handles of one hand in the scene."""
+    """One hand in the scene, hidden until its first pose comes: from then on only poses are sent, never meshes."""
 
-    ellipsoids: viser.BatchedMeshHandle
-    bones: viser.BatchedMeshHandle
-    joints: viser.BatchedMeshHandle
-    truth_lines: viser.LineSegmentsHandle
-    truth_points: viser.BatchedMeshHandle
-    bone_length: Floats[B]
-    parts: tuple[viser.MeshHandle, ...] = ()
-    """of a body, drawn instead of ellipsoids"""
-    part_bone: tuple[int, ...] = ()
+    def __init__(self, server: viser.ViserServer, session: SessionSnapshot) -> None:
+        scene, names = server.scene, session.bone_names
+        self._root = scene.add_frame("/hand", show_axes=False)
+        self.bone_length = session.bone_length
+        small, count = ball(12, 16), len(names)
+        colours = colours_of(names, np.arange(count))
+        thick = (session.reach_m / HAND_REACH_M) ** _THICKER
+        across = np.full(count, thick * _BONE_RADIUS)
 
-    @property
-    def nodes(self) -> tuple[viser.BatchedMeshHandle | viser.MeshHandle, ...]:
-        """What is drawn of the hand itself."""
-        return self.ellipsoids, self.bones, self.joints, *self.parts
+        def batch(
+            node: str, mesh: Solid, scales: Floats, colour: Bytes | tuple[int, int, int], **more: Any
+        ) -> viser.BatchedMeshHandle:  # fmt: skip
+            more |= {"batched_colors": colour, "visible": False}
+            return add_batch(scene, f"/hand/{node}", mesh, scales, **more)
 
-
-def add_hand(server: viser.ViserServer, session: SessionSnapshot) -> HandView:
-    """Add a hand's nodes, hidden until the first pose comes."""
-    scene = server.scene
-    small = ball(12, 16)
-    bones = len(session.bone_names)
-    colours = colours_of(session.bone_names, np.arange(bones))
-    thick = (session.reach_m / HAND_REACH_M) ** _THICKER
-    across = np.full(bones, thick * _BONE_RADIUS)
-    scene.add_frame("/hand", show_axes=False)
-
-    def batch(
-        node: str, mesh: Solid, scales: Floats, colour: Bytes | tuple[int, int, int], **more: Any
-    ) -> viser.BatchedMeshHandle:
-        more |= {"batched_colors": colour, "visible": False}
-        return add_batch(scene, f"/hand/{node}", mesh, scales, **more)
-
-    ellipsoids = batch(
-        "flesh", ball(20, 32), session.radii, colours_of(session.bone_names, session.ellipsoid_bone)
-    )
-    rods = batch("bones", rod(16), np.stack([across, session.bone_length, across], 1), colours)
-    joints = batch(
-        "joints", small, np.full(2 * bones, thick * _JOINT_RADIUS), np.tile(colours, (2, 1))
-    )
-    lines = scene.add_line_segments(
-        "/hand/truth", np.zeros((len(KEYPOINT_LINKS), 2, 3), np.float32), TRUTH, thickness=2.5,
-        thickness_units="screen", visible=False,
-    )  # fmt: skip
-    points = batch("truth_points", small, np.full(21, 0.0028), TRUTH, cast_shadow=False)
-    parts = tuple(
-        scene.add_mesh_simple(
-            f"/hand/part{i}", part.vertices.astype(np.float32), part.faces.astype(np.uint32),
-            color=colour_of(session.bone_names[part.bone]), visible=False,
+        of_ellipsoids = colours_of(names, session.ellipsoid_bone)
+        self.ellipsoids = batch("flesh", ball(20, 32), session.radii, of_ellipsoids)
+        self.bones = batch(
+            "bones", rod(16), np.stack([across, session.bone_length, across], 1), colours
         )
-        for i, part in enumerate(session.parts)
-    )  # fmt: skip
-    part_bone = tuple(part.bone for part in session.parts)
-    return HandView(ellipsoids, rods, joints, lines, points, session.bone_length, parts, part_bone)
+        self.joints = batch(
+            "joints", small, np.full(2 * count, thick * _JOINT_RADIUS), np.tile(colours, (2, 1))
+        )
+        self.truth_lines = scene.add_line_segments(
+            "/hand/truth", np.zeros((len(KEYPOINT_LINKS), 2, 3), np.float32), TRUTH, thickness=2.5,
+            thickness_units="screen", visible=False,
+        )  # fmt: skip
+        self.truth_points = batch(
+            "truth_points", small, np.full(21, 0.0028), TRUTH, cast_shadow=False
+        )
+        self.part_bone = [part.bone for part in session.parts]
+        self.parts = tuple(
+            scene.add_mesh_simple(
+                f"/hand/part{i}", part.vertices.astype(np.float32), part.faces.astype(np.uint32),
+                color=colour_of(names[part.bone]), visible=False,
+            )
+            for i, part in enumerate(session.parts)
+        )  # fmt: skip
+        """of a body, drawn instead of ellipsoids"""
 
+    def show(self, display: Display, instead: bool) -> None:
+        """Apply the display options to the hand. instead: the surface stands where the ellipsoids would."""
+        shown = display.ellipsoids or (display.surface and not instead)
+        self.ellipsoids.visible = shown and not self.parts
+        for part in self.parts:
+            put(part, visible=shown)
+        self.bones.visible = self.joints.visible = display.skeleton
 
-def update_hand(view: HandView, pose: PoseSnapshot, display: Display) -> None:
-    """Move what is shown of the hand to a pose. Only poses are sent, never meshes; what is hidden follows when it is shown."""
-    ellipsoids = display.ellipsoids or display.surface  # which it stands for while that is made
-    if ellipsoids and not view.parts:
-        view.ellipsoids.batched_positions = pose.centre.astype(np.float32)
-        view.ellipsoids.batched_wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
-    turns = quaternion_wxyz(pose.bone_rotation)
-    if view.bones.visible:
-        ends = pose.bone_position + pose.bone_rotation[:, :, 1] * view.bone_length[:, None]
-        both = np.concatenate([pose.bone_position, ends]).astype(np.float32)
-        view.bones.batched_positions = pose.bone_position.astype(np.float32)
-        view.bones.batched_wxyzs = turns.astype(np.float32)
-        view.joints.batched_positions = both
-    for part, bone in zip(view.parts, view.part_bone, strict=True):
-        if ellipsoids:
-            part.position, part.wxyz = pose.bone_position[bone], turns[bone]
+    def move_to_pose(self, pose: PoseSnapshot, display: Display) -> None:
+        """Move what is shown of the hand to a pose; what is hidden follows when it is shown."""
+        places, turns = pose.bone_position, quaternion_wxyz(pose.bone_rotation)
+        if display.ellipsoids or display.surface:  # for which they stand while that is made
+            if not self.parts:
+                self.ellipsoids.batched_positions = pose.centre.astype(np.float32)
+                wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
+                self.ellipsoids.batched_wxyzs = wxyzs
+            for part, bone in zip(self.parts, self.part_bone, strict=True):
+                part.position, part.wxyz = places[bone], turns[bone]
+        if self.bones.visible:
+            ends = places + pose.bone_rotation[:, :, 1] * self.bone_length[:, None]
+            self.bones.batched_positions = places.astype(np.float32)
+            self.bones.batched_wxyzs = turns.astype(np.float32)
+            self.joints.batched_positions = np.concatenate([places, ends]).astype(np.float32)
 
+    def show_truth(self, pose: PoseSnapshot, wanted: bool) -> None:
+        """Show the true keypoints of the pose's frame, where there are 21 of them."""
+        truth = pose.truth if wanted else None
+        known = np.zeros(21, bool)
+        if truth is not None and len(truth) == 21:
+            known[:] = np.isfinite(truth).all(axis=1)
+        shown = bool(known.any())
+        if shown and truth is not None:
+            somewhere = truth[known][0]  # where what is unknown is drawn, too: nobody sees it there
+            whole = known[KEYPOINT_LINKS].all(axis=1).reshape(-1, 1, 1)
+            lines = np.where(whole, truth[KEYPOINT_LINKS], somewhere)
+            self.truth_lines.points = lines.astype(np.float32)
+            points = np.where(known[:, None], truth, somewhere)
+            self.truth_points.batched_positions = points.astype(np.float32)
+        self.truth_lines.visible = self.truth_points.visible = shown
 
-def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
-    """Show the true keypoints of the pose's frame, where there are 21 of them."""
-    truth = pose.truth
-    known = np.zeros(21, bool)
-    if truth is not None and len(truth) == 21:
-        known[:] = np.isfinite(truth).all(axis=1)
-    shown = display.truth and bool(known.any())
-    if shown and truth is not None:
-        somewhere = truth[known][0]  # where what is not known is drawn, too: nobody sees it there
-        whole = known[KEYPOINT_LINKS].all(axis=1).reshape(-1, 1, 1)
-        lines = np.where(whole, truth[KEYPOINT_LINKS], somewhere)
-        view.truth_lines.points = lines.astype(np.float32)
-        points = np.where(known[:, None], truth, somewhere)
-        view.truth_points.batched_positions = points.astype(np.float32)
-    view.truth_lines.visible = view.truth_points.visible = shown
-
-
-def show_hand(view: HandView, display: Display, instead: bool) -> None:
-    """Apply the display options to the hand. instead: the surface stands where the ellipsoids would."""
-    shown = display.ellipsoids or (display.surface and not instead)
-    view.ellipsoids.visible = shown and not view.parts
-    for part in view.parts:
-        put(part, visible=shown)
-    view.bones.visible = view.joints.visible = display.skeleton
-
-
-def ellipsoid_opacity(display: Display, inside: bool, over_image: bool) -> float | None:
-    """Return how opaque flesh is: over a camera's image, and around what is inside it, it lets it be seen."""
-    most = _OVER_IMAGE if over_image else 1.0
-    if display.skeleton:
-        most = min(most, _AROUND_BONES)
-    if inside:
-        most = min(most, _AMONG_POINTS)
-    opacity = min(display.opacity, most)
-    return None if opacity > 0.99 else opacity
-
-
-def remove_hand(view: HandView) -> None:
-    """Take the hand out of the scene."""
-    for node in (*view.nodes, view.truth_lines, view.truth_points):
-        node.remove()
+    def remove(self) -> None:
+        """Take the hand out of the scene."""
+        self._root.remove()
 
 
 # ---- Small closed meshes that the scene is made of: solids turned around +y

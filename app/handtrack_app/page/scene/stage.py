@@ -25,14 +25,8 @@ from handtrack_app.page.scene.looking import Looking, Pointed
 from handtrack_app.page.scene.model_view import (
     Ghosts,
     HandView,
-    add_hand,
     add_surroundings,
-    ellipsoid_opacity,
     hand_balls,
-    remove_hand,
-    show_hand,
-    update_hand,
-    update_truth,
 )
 from handtrack_app.page.scene.viewpoint import (
     begin_at,
@@ -55,6 +49,9 @@ from handtrack_app.protocol.snapshots import (
     SurfaceSnapshot,
 )
 
+_OVER_IMAGE, _AROUND_BONES, _AMONG_POINTS = 0.3, 0.45, 0.6
+"""most opacity of the hand over a camera's image, and around what is inside it"""
+
 
 class Stage:
     """Owns the scene's handles."""
@@ -74,7 +71,7 @@ class Stage:
         self.score: ScoreSnapshot | None = None
         self.cameras = CameraRig(server, "/cameras", session)
         self.cameras.size(pose.middle)
-        self.hand: HandView = add_hand(server, session)
+        self.hand = HandView(server, session)
         self._drawing = threading.Lock()
         """while the hand is moved to the pose shown: a thread that is late would leave it at one before"""
         self.root = RootHandle(server, page.edit_pose, self._larger)
@@ -92,8 +89,8 @@ class Stage:
         before, self.session = self.session, session
         self.cameras.move(session)
         if (before.bone_names, before.model) != (session.bone_names, session.model):
-            remove_hand(self.hand)
-            self.hand = add_hand(self.page.server, session)
+            self.hand.remove()
+            self.hand = HandView(self.page.server, session)
             self.grips.let_go()
         if not session.clouds.source:
             self.cloud.cloud = None
@@ -107,12 +104,8 @@ class Stage:
         with self.page.server.atomic():
             self.cloud.show(display, self.moments)
             self.cloud.colour(display)
-            self.ghosts.show(display.ghosts, self.pose.frame)
-            self._show_ellipsoids()
             self.cameras.show(display)
-            self._show_handle()
-            self._show_truth()
-            self.looking.place(display.field, self.pose.middle, self._larger)
+            self._draw()
             self.grips.freely = bool(display.mode) and not display.handle
             self.grips.place()
 
@@ -130,31 +123,36 @@ class Stage:
         # without all that stands before the image
         return replace(display, mode="", cloud=False, ghosts=False, handle=False, truth=False)
 
-    def _show_ellipsoids(self) -> None:
+    def _draw(self) -> None:
+        """Show what there is of the pose shown, beside clouds and cameras."""
+        display, pose = self.display, self.pose
+        with self._drawing:
+            self.ghosts.show(display.ghosts, pose.frame)
+            self._draw_hand()
+            self.hand.show_truth(pose, display.truth)
+            # the handle of the whole hand; not at a pose that is only looked at
+            put(self.root.control, visible=display.handle and pose.origin != BEFORE)
+        self.looking.place(display.field, pose.middle, self._larger)
+
+    def _draw_hand(self) -> None:
         """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
-        with self._drawing:
-            display, pose, state = self.display, self.pose, self.page.state
-            still = not (state.playing or state.tracking)
-            made_of = pose.frame, pose.version, self.session.model
-            ready = still and display.surface and self._surface_at == made_of
-            show_hand(self.hand, display, ready)
-            if self._fits(pose):
-                update_hand(self.hand, pose, display)
-            put(self.surface, visible=ready)
-            self._show_opacity()
-
-    def _show_truth(self) -> None:
-        with self._drawing:
-            update_truth(self.hand, self.pose, self.display)
-
-    def _show_opacity(self) -> None:
-        """Let what stands in the hand, and behind it, be seen through it."""
-        display = self.display
+        display, pose, state = self.display, self.pose, self.page.state
+        still = not (state.playing or state.tracking)
+        made_of = pose.frame, pose.version, self.session.model
+        ready = still and display.surface and self._surface_at == made_of
+        self.hand.show(display, ready)
+        if self._fits(pose):
+            self.hand.move_to_pose(pose, display)
+        put(self.surface, visible=ready)
+        # what stands in the hand, and behind it, is seen through it
         points = self.cloud.points.visible and display.cloud_colour == "residual"
-        inside = points or self.ghosts.bones.visible
-        opacity = ellipsoid_opacity(display, inside, self.looking.anyone)
+        most = {
+            _OVER_IMAGE: self.looking.anyone, _AROUND_BONES: display.skeleton,
+            _AMONG_POINTS: points or self.ghosts.bones.visible,
+        }  # fmt: skip
+        opacity = min(display.opacity, *(one for one, there in most.items() if there), 1.0)
         for node in (self.hand.ellipsoids, *self.hand.parts, self.surface):
-            put(node, opacity=opacity)
+            put(node, opacity=None if opacity > 0.99 else opacity)
 
     @property
     def _larger(self) -> float:
@@ -183,22 +181,16 @@ class Stage:
 
     def show_pose(self, pose: PoseSnapshot, move_handle: bool) -> None:
         """Move the hand."""
-        display = self.display
         if not self._fits(pose):
             return
         self.pose = pose
         with self.page.server.atomic():
-            self._show_ellipsoids()
             self.moments.show(pose.frame)
-            self._show_truth()
             self.clear_late()
-            self.ghosts.show(display.ghosts, pose.frame)
-            self._show_opacity()
+            self._draw()
             if move_handle:
                 self.root.show_at(pose.values[:6])
-                self._show_handle()
         self.looking.show_hand(*hand_balls(self.session, pose))
-        self.looking.place(self.display.field, pose.middle, self._larger)
         self.grips.show(pose)
         self._name_cameras()
 
@@ -225,11 +217,6 @@ class Stage:
         wanted = len(self.session.radii), len(self.session.bone_names)
         return (len(pose.centre), len(pose.bone_position)) == wanted
 
-    def _show_handle(self) -> None:
-        """Show the handle of the whole hand, but at a pose that is only looked at."""
-        shown = self.display.handle and self.pose.origin != BEFORE
-        put(self.root.control, visible=shown)
-
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show the cameras' pictures, or the masks over them."""
         if not self.moments.fits(pictures.frame):
@@ -254,14 +241,13 @@ class Stage:
             self.surface.vertices = surface.vertices
             self.surface.faces = surface.faces.astype(np.uint32)
             self._surface_at = surface.frame, surface.version, self.session.model
-            self._show_ellipsoids()
+            self._draw()
 
     def show_guesses(self, guesses: GuessesSnapshot) -> None:
         """Draw the poses that a frame may have."""
         with self.page.server.atomic():
             self.ghosts.update(guesses)
-            self.ghosts.show(self.display.ghosts, self.pose.frame)
-            self._show_ellipsoids()
+            self._draw()
         if guesses.is_new:
             self._turn_to(np.median(guesses.position[guesses.owner == 0], axis=0))
 
@@ -277,7 +263,7 @@ class Stage:
         with self.page.server.atomic():
             self.cloud.take(cloud, self.display)
             self.cloud.show(self.display, self.moments)
-            self._show_ellipsoids()
+            self._draw()
 
     # ---- views
 
