@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D2, D3, Array, Bytes, Floats, H, N, P, W
-from handtrack.diagnostics.residual_image import field_picture
+from handtrack.diagnostics.residuals import field_picture
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.ellipsoids import Ellipsoids

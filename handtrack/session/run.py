@@ -32,10 +32,9 @@ from handtrack.model.size import (
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.parallel import in_parallel
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.image_joints import poses_from_images
-from handtrack.session.ineffective_settings import ineffective_settings
+from handtrack.session.first_pose.first_pose import FirstPose, poses_from_images
 from handtrack.session.session import Session
+from handtrack.session.session_file import BODY_TRACKING
 from handtrack.session.sources.joint_errors import joint_sigma_px
 from handtrack.session.sources.keypoint_files import of_model
 from handtrack.session.sources.prefetch import prefetching
@@ -46,7 +45,7 @@ from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status, Step, TrackLabels, TrackResult
-from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
 from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.cloud_terms import agreement
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
@@ -482,7 +481,7 @@ def poses_of_image_joints(
     """Return the poses in space that a first pose with joints in images may mean, the surest first."""
     run = TrackingRun.unfitted(session, settings)
     whole = _whole(run.with_scale(run.given_scale).model)
-    return poses_from_images(session, settings, whole, first, run.observed(first.frame))
+    return poses_from_images(session.rig, settings, whole, first, run.observed(first.frame))
 
 
 def _model(
@@ -684,3 +683,46 @@ def _measured(run: TrackingRun, results: Sequence[FrameResult], most: int) -> fl
 
 def _middle(result: FrameResult) -> Floats[D3]:
     return np.asarray(result.joint_positions.mean(axis=0))
+
+
+# ---- Settings that were changed and mean nothing to what is tracked: another model, evidence that is not there or not used
+
+
+def ineffective_settings(settings: TrackerSettings, session: Session, kind: str) -> list[str]:
+    """Return a sentence on the changed settings that have no effect, for each reason. kind: of the model, hand or body."""
+    flat, usual = settings.flat(), dict(settings.usual)
+    if kind == "body":
+        usual |= {f"{g}.{key}": v for g, table in BODY_TRACKING.items() for key, v in table.items()}
+    changed = [
+        name
+        for name, known in SETTINGS.items()
+        if flat[name] != usual[name] and known.about in ("", kind)
+    ]
+    found = settings.without_effect(kind)
+    for prefix, why in _reasons(settings, session):
+        without = [n for n in changed if n.startswith(prefix) and not n.endswith(".weight")]
+        if without:
+            has = "have" if len(without) > 1 else "has"
+            found.append(f"{' and '.join(without)} {has} no effect: {why}.")
+    return found
+
+
+def _reasons(settings: TrackerSettings, session: Session) -> Iterator[tuple[str, str]]:
+    """Yield how names of ineffective settings begin, and why."""
+    cameras = [view.settings for view in session.views]
+    there = {
+        "silhouettes": any(camera.masks is not None for camera in cameras),
+        "cloud": session.has_clouds,
+        "edges": any(camera.images is not None for camera in cameras),
+        "intensity": any(camera.images is not None for camera in cameras),
+    }
+    needs = {"silhouettes": "no camera has masks", "cloud": "there are no [clouds]"}
+    for name, is_there in there.items():
+        if not is_there:
+            yield f"{name}.", needs.get(name, "no camera has images")
+        elif settings.flat()[f"{name}.weight"] == 0:
+            yield f"{name}.", f"{name}.weight is 0"
+    if settings.tracker.hypotheses == 1:
+        yield "mixture.", "tracker.hypotheses is 1"
+    if settings.model.coupling != "18":
+        yield "model.spread_", f"it is for model.coupling = 18, which is {settings.model.coupling}"

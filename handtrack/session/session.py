@@ -26,7 +26,6 @@ from handtrack.observation.observation import ImageView, Observation
 from handtrack.observation.truth import Truth
 from handtrack.parallel import LRUCache
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
-from handtrack.session.formats.timestamps import FrameTimes
 from handtrack.session.formats.truth import read_truth
 from handtrack.session.layout import (
     CALIBRATION_FILE,
@@ -54,7 +53,7 @@ from handtrack.session.sources.cached_observations import (
     most_observations,
     whole,
 )
-from handtrack.session.sources.camera_times import CameraTimes, session_times
+from handtrack.session.sources.camera_times import CameraTimes, FrameTimes, session_times
 from handtrack.session.sources.clouds import CloudSource, cloud_source
 from handtrack.session.sources.session_pins import SessionPins
 from handtrack.session.sources.views import MaskChoice, View, scaled_camera

@@ -13,7 +13,7 @@ from handtrack.capture.calibration.formats.resolve import named, sized, unit_of
 from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.read_joints import read_joints
-from handtrack.session.formats.imported_truth import import_truth
+from handtrack.session.formats.truth import import_truth
 from tests.capture.sample_files import filmed, forms, sample
 
 _TIMES = 12

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from handtrack import Status, TrackerSettings, load_model
-from handtrack.diagnostics import residual_image as ri
+from handtrack.diagnostics import residuals as ri
 from handtrack.diagnostics.review import intervals_to_review
 from handtrack.diagnostics.score import score
 from handtrack.simulation.scenes.simulated_views import mask_views

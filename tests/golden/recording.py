@@ -27,8 +27,7 @@ from handtrack.session.session_file import (
 )
 from handtrack.session.sources.session_pins import SessionPins
 from handtrack.simulation.simulate import Simulation, simulate
-from handtrack.store.spans import Span
-from handtrack.store.store import WritableStore
+from handtrack.store.store import Span, WritableStore
 from handtrack.store.take import TakeAbout
 from handtrack.tracking.frame.result import Step, TrackResult
 from handtrack_app.commands.batch import DONE, REFUSED, STARTED, Outcome, append

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-import handtrack.session.live.live_session as live_session
-from handtrack.session.live.live_session import open_live
+import handtrack.session.live_session as live_session
+from handtrack.session.live_session import open_live
 from tests.live_cameras import ScriptedDevice
 
 SKIN = (105, 135, 205)  # BGR

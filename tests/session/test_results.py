@@ -24,12 +24,10 @@ from handtrack import (
 )
 from handtrack.capture.calibration.rig_file import rig_from_json
 from handtrack.files.versions import keep_version, versions
-from handtrack.session.takes.take_about import about_take
-from handtrack.session.takes.take_recorder import import_track
-from handtrack.store.record import Record
-from handtrack.store.spans import Span
-from handtrack.store.step_record import read_result, result_content
-from handtrack.store.store import Store, WritableStore
+from handtrack.session.takes import about_take, import_track
+from handtrack.store.log import Record
+from handtrack.store.store import Span, Store, WritableStore
+from handtrack.store.take import read_result, result_content
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import PARTS, Alternative
 from handtrack.tracking.frame.tables.track_model import model_of
@@ -108,8 +106,8 @@ from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable, turn_between, upright
 from handtrack.export.tables.csv_tables import write_wide
 from handtrack.session.formats.tables import read_npz, write_npz
-from handtrack.store.record import Record
-from handtrack.store.step_record import read_result, result_content
+from handtrack.store.log import Record
+from handtrack.store.take import read_result, result_content
 from tests.sample_track import hand_track
 
 before = hand_track()

@@ -22,8 +22,12 @@ from handtrack import (
 )
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.size import FOREARM_END, POPULATION_SIGMA, hand_length_mm
-from handtrack.session.ineffective_settings import ineffective_settings
-from handtrack.session.run import person_to_fit, size_of_frames, tracked_for_size
+from handtrack.session.run import (
+    ineffective_settings,
+    person_to_fit,
+    size_of_frames,
+    tracked_for_size,
+)
 from handtrack.session.session_file import CameraSettings
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import CustomMotion, Simulation, simulate

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack import HandtrackError
-from handtrack.store.spans import Span
-from handtrack.store.store import Store, WritableStore
+from handtrack.store.store import Span, Store, WritableStore
 from tests.killing import KILLS, forked, killed
 from tests.store.made import about, files_of, same, step
 

@@ -15,9 +15,8 @@ from handtrack import HandtrackError
 from handtrack.store import lease as lease_file
 from handtrack.store.history import Action, Change, History
 from handtrack.store.lease import Lease, LeaseTaken, holder_of
-from handtrack.store.record import Record, encoded, scan
-from handtrack.store.spans import Span, with_span
-from handtrack.store.store import Store, WritableStore
+from handtrack.store.log import Record, encoded, scan
+from handtrack.store.store import Span, Store, WritableStore, with_span
 from tests.store.made import about, add_take, files_of, same, step
 
 

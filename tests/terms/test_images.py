@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack.diagnostics.residual_points import image_residuals
+from handtrack.diagnostics.residuals import image_residuals
 from handtrack.geometry.quadric import dual_conic, ellipse, shape_matrix
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.render import render

@@ -42,7 +42,7 @@ from handtrack.files.atomic import replace_text, sync_folder
 from handtrack.parallel import thread_count
 from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.session import Session
-from handtrack.session.takes.take_about import files_read, versions_in_use
+from handtrack.session.takes import files_read, versions_in_use
 from handtrack_app.commands.terminal.output import answer, print_status, progress_bar, stoppable
 
 LEDGER_FILE = "ledger.jsonl"

@@ -17,8 +17,8 @@ from handtrack.export.motion.xml_models import urdf_text
 from handtrack.files.atomic import replace_text
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.model.model_file import load_model, read_definition
-from handtrack.session.formats.imported_truth import import_truth
 from handtrack.session.formats.tables import read_npz
+from handtrack.session.formats.truth import import_truth
 from handtrack_app.commands.terminal.output import answer, output_file, print_status
 
 _SIZES_M = (0.02, 3.0)

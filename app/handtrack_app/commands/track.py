@@ -21,7 +21,7 @@ from handtrack.session.doctor.examine import examine_start
 from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.sources.video_audits import count_beside
-from handtrack.session.takes.take_recorder import TakeRecorder
+from handtrack.session.takes import TakeRecorder
 from handtrack.session.track_session import (
     Ended,
     Event,

@@ -37,10 +37,9 @@ from handtrack.session.session_state import (
 )
 from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
 from handtrack.session.sources.views import MaskChoice
-from handtrack.session.takes.take_about import REFINED, files_read
+from handtrack.session.takes import REFINED, files_read
 from handtrack.store.current_track import CurrentTrack, TakeFrames
-from handtrack.store.spans import Span
-from handtrack.store.store import Store
+from handtrack.store.store import Span, Store
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.tracked_rows import TrackedRows

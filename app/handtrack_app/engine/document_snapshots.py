@@ -18,7 +18,7 @@ from handtrack.model.size import shape_numbers
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.session import Session
 from handtrack.session.sources.views import View
-from handtrack.store.spans import resolved
+from handtrack.store.store import resolved
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.result import FrameResult

@@ -17,7 +17,6 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_search import find_first_poses
-from handtrack.session.posed_frames import keyframe_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import (
     NOTHING,
@@ -34,6 +33,7 @@ from handtrack.session.track_session import (
     PassBegan,
     SizeFitted,
     TrackingRequest,
+    keyframe_result,
     refine_frames,
     track_session,
 )

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError
-from handtrack.session.live.live_recording import LiveRecording
-from handtrack.session.live.live_session import LIVE_SETTINGS, LiveSession, open_live
+from handtrack.session.live_session import LIVE_SETTINGS, LiveRecording, LiveSession, open_live
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_file import dotted
 from handtrack.tracking.frame.result import FrameResult

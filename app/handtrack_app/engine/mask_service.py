@@ -20,7 +20,7 @@ from handtrack.capture.masks.mask_correction import (
 )
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 from handtrack.capture.masks.segmentation import METHODS, mask_method_table
-from handtrack.diagnostics.residual_image import mask_picture
+from handtrack.diagnostics.residuals import mask_picture
 from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
 from handtrack.session.session_state import Correction, Edit, MaskSource, decide

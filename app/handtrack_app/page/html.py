@@ -100,7 +100,7 @@ _LEGENDS = {
         ("#56b4e9", "corrected (outline)"),
     ),
 }
-"""by overlay; as `handtrack.diagnostics.residual_image` draws them, which the page's process does not import"""
+"""by overlay; as `handtrack.diagnostics.residuals` draws them, which the page's process does not import"""
 _STYLE_SHEET = """
 p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spacing: 0 !important; }
 .mantine-Paper-root[data-with-border="true"]:has(> .mantine-Paper-root) {

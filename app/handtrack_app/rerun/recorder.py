@@ -16,8 +16,13 @@ from queue import SimpleQueue
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, N, P
-from handtrack.diagnostics.residual_image import predicted_image, residual_image
-from handtrack.diagnostics.residual_points import dots, image_residuals, space_residuals
+from handtrack.diagnostics.residuals import (
+    dots,
+    image_residuals,
+    predicted_image,
+    residual_image,
+    space_residuals,
+)
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.observation.truth import mean_error_mm

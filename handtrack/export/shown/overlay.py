@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, H, J, W
-from handtrack.diagnostics.residual_image import outline_polygons
+from handtrack.diagnostics.residuals import outline_polygons
 from handtrack.errors import HandtrackError
 from handtrack.export.shown.mesh import joint_links
 from handtrack.export.table import ResultsTable

@@ -13,13 +13,13 @@ from handtrack.capture.images.frames import listed
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Keypoints
+from handtrack.session.doctor.check_tracked import wrong_side_warning
 from handtrack.session.doctor.check_views import Finding, error, note, ok, warning
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.side import wrong_side_warning
 from handtrack.session.sources.keypoint_files import NO_JOINTS
 from handtrack.session.sources.views import View
 from handtrack.tracking.frame.result import Status

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from handtrack.model.model_file import scale_from
+from handtrack.arrays import Floats, P, S, evenly_spread
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import model_from_definition, scale_from
+from handtrack.observation.observation import Observation
 from handtrack.session.doctor.check_views import Finding, warning
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun, samples
 from handtrack.session.session import Session
-from handtrack.session.takes.take_about import foreign_result, foreign_takes
+from handtrack.session.takes import foreign_result, foreign_takes
 from handtrack.store.store import Store
 from handtrack.tracking.frame.confidence import hand_words, odd_size
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.hand_distance import hand_distance
+from handtrack.tracking.search.other_side import other_side_log_odds
 from handtrack.tracking.size.camera_consistency import CameraInconsistency, camera_inconsistencies
 
 _FEWEST, _SAMPLED = 4, 8  # frames, evenly spread
@@ -87,4 +94,53 @@ def _words(found: Sequence[CameraInconsistency], odd: str) -> str:
     return (
         f"camera '{worst.camera}'{or_others} contradicts the others: {found_in}, {share}{too}. {asked} `handtrack calibrate` "
         "makes the calibration anew."
+    )
+
+
+# ---- Whether session.toml names the right side: told where what was tracked fits the other hand decisively better
+
+
+_SIDE_SAMPLED = 4  # frames, evenly spread
+_DECISIVE = 5.0  # log-odds, 150 to 1; docs/contributing/testing.md
+
+
+def wrong_side_warning(
+    session: Session,
+    settings: TrackerSettings,
+    model: ArticulatedModel,
+    tracked: Mapping[int, Floats[S]],
+    control: Control = Control(),
+) -> str:
+    """Return that the hand is the other one, in words; empty where that is not clear.
+
+    A flat hand seen from afar is like the other one's back: nothing is told of it.
+
+    Parameters
+    ----------
+    tracked
+        Joint parameters by frame.
+    """
+    if model.kind != "hand" or not model.has_keypoints21 or not tracked:
+        return ""
+    frames = sorted(tracked)
+    rows = evenly_spread(len(frames), _SIDE_SAMPLED)
+    other_side = "left" if model.side == "right" else "right"
+    other = model_from_definition(
+        model.definition_text, other_side, model.scale, model.has_forearm, model.name
+    )
+    alone = settings.with_values({"tracker.hypotheses": 1})
+
+    def posed() -> Iterator[tuple[Observation, Floats[P]]]:
+        for frame in (frames[row] for row in rows):
+            params = model.solver_params(tracked[frame])
+            near = hand_distance(model, model.bones(params))
+            used = settings.silhouettes.weight > 0, settings.cloud.weight > 0
+            yield session.observation(frame, *used, near), params
+
+    odds = other_side_log_odds(model, other, alone, posed(), control)
+    if odds < _DECISIVE:
+        return ""
+    return (
+        f"a {other_side} hand fits the observations decisively better than a {model.side} one (log-odds {odds:.1f} in "
+        f'{len(rows)} frames). Is side = "{model.side}" right in session.toml? If it is: are two cameras exchanged?'
     )

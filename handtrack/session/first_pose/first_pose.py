@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +15,16 @@ from handtrack.arrays import D2, D3, D21, Floats, array_dataclass
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
-from handtrack.model.articulated import HandScale
+from handtrack.geometry.camera import CameraRig
+from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.model_file import scale_from, scale_table
-
-if TYPE_CHECKING:
-    from handtrack.tracking.find_pose import PoseEstimate
+from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.tracking.find_pose import PoseEstimate, noted, pose_in_space, poses_by_joints
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.auto_start import auto_start
+from handtrack.tracking.search.global_search import GIVEN_JOINTS
+from handtrack.tracking.search.keypoint_start import hands_from_images
+from handtrack.tracking.search.scores.hand_shapes import shape_of
 
 _CONVENTION = "openpose21"
 _PARAMETERS_FORM = '{"frame": 0, "parameters": {"root_tx": 0.1, ...}}'
@@ -228,3 +233,63 @@ def _two_dimensional(path: Path, what: str) -> HandtrackError:
         f"{path}: {what} looks like points in an image; say of which cameras: {_FLAT_FORM}. Or triangulate them: "
         f"{_FORMS}."
     )
+
+
+# ---- Joints in images, brought into space: triangulated, or all that one camera leaves open
+
+
+def poses_from_images(
+    rig: CameraRig,
+    settings: TrackerSettings,
+    model: ArticulatedModel,
+    first: FirstPose,
+    seen: Observation,
+) -> list[PoseEstimate]:
+    """Return the poses that joints in images may mean, the surest first.
+
+    Where two cameras agree on most joints there is one, the points in space. Otherwise fingers may
+    bend to or from the camera: silhouettes and cloud of the frame decide as far as there are any.
+
+    Parameters
+    ----------
+    model
+        A hand with all joints.
+
+    Raises
+    ------
+    HandtrackError
+        For a camera that the session does not have, and for too few joints.
+    """
+    images = image_keypoints(rig, settings, first)
+    placed = pose_in_space(settings, model, first.frame, images)
+    if placed is not None:
+        return [placed]
+    candidates = [
+        replace(c, shape=shape_of(model, model.joint_params(c.params), "given"))
+        for c in hands_from_images(model, images)[: GIVEN_JOINTS.most]
+    ]
+    with_joints = replace(seen, keypoints=tuple(images))
+    found = auto_start((), settings, with_joints, found=candidates)
+    rows = [PoseEstimate.of(candidate, first.frame) for candidate in found]
+    return noted(rows, images) if rows else poses_by_joints(model, first.frame, images)
+
+
+def image_keypoints(
+    rig: CameraRig, settings: TrackerSettings, first: FirstPose
+) -> list[ImageKeypoints]:
+    """Return a first pose's joints in the undistorted images of a session's cameras. Raises HandtrackError."""
+    found = []
+    for name, pixels in first.pixels.items():
+        if name not in rig:
+            raise unknown_name("camera", name, rig.names, "the first pose")
+        camera = rig[name]
+        flat = camera.without_distortion()
+        found.append(
+            ImageKeypoints(
+                flat,
+                keypoint_names(),
+                camera.undistort_points(pixels),
+                settings.keypoints.detected_px,
+            )
+        )
+    return found

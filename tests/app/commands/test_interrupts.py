@@ -16,8 +16,7 @@ import pytest
 
 from handtrack import read_npz
 from handtrack.store.lease import Lease
-from handtrack.store.spans import Span
-from handtrack.store.store import Store
+from handtrack.store.store import Span, Store
 from handtrack.store.take import TakeWriter
 from handtrack_app.cli import main
 from handtrack_app.commands import track

@@ -72,7 +72,7 @@ def test_a_full_disk_leaves_both_track_and_file_as_they_were(handtrack, session,
         raise OSError(errno.ENOSPC, "No space left on device")
 
     for place in (
-        "handtrack.session.takes.take_recorder.write_npz",
+        "handtrack.session.takes.write_npz",
         "handtrack.store.log.os.write",
     ):
         with monkeypatch.context() as patch:

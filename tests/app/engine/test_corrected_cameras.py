@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandtrackError, Session
 from handtrack.session.doctor.examine import examine
-from handtrack.session.posed_frames import keyframe_result
+from handtrack.session.track_session import keyframe_result
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.snapshots import TimelineSnapshot

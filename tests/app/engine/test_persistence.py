@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack.session.session_state import decide
-from handtrack.store.spans import Span
+from handtrack.store.store import Span
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.posing_service import pose_before
 from handtrack_app.engine.store import edits

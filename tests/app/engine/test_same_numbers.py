@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from handtrack import Session, Status, TrackingRun, read_npz, track_session
-from handtrack.session.posed_frames import posed_frames
 from handtrack.session.session_state import decide
-from handtrack.session.track_session import Ended, request_for
+from handtrack.session.track_session import Ended, posed_frames, request_for
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.protocol.snapshots import Hold
 from tests.app.command_line import small_recording

@@ -14,7 +14,7 @@ import numpy as np
 from handtrack import Session, TrackerState, TrackingRun, bundled_session
 from handtrack.bench.iterations import SIGMA_M, ThreeViews, cloud_scene
 from handtrack.bench.measuring import alone, alternating_timings, ratio_figures
-from handtrack.session.takes.take_about import about_take
+from handtrack.session.takes import about_take
 from handtrack.solver.problem import Problem
 from handtrack.store.store import Store, WritableStore
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud

@@ -18,9 +18,8 @@ from handtrack import (
     TrackingRun,
     bundled_session,
 )
-from handtrack.session.takes.take_about import about_take
-from handtrack.store.spans import Span
-from handtrack.store.store import WritableStore
+from handtrack.session.takes import about_take
+from handtrack.store.store import Span, WritableStore
 from tests.experiments.workbench.hostile import latencies_ms, pose_sliders
 from tests.experiments.workbench.program import RunningWorkbench
 from tests.experiments.workbench.wire import WireClient

@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D2, D3, Array, Axes, Bytes, Floats, H, N, W
 from handtrack.capture.clouds.stereo import REJECTED, RectifiedPair, StereoView
-from handtrack.diagnostics.residual_image import (
+from handtrack.diagnostics.residuals import (
     field_picture,
     joint_pairs,
     joints_picture,

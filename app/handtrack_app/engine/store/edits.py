@@ -21,7 +21,7 @@ from handtrack.session.session_state import (
     in_turn,
     marking,
 )
-from handtrack.store.spans import Span, clipped, resolved
+from handtrack.store.store import Span, clipped, resolved
 from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine.document import Document
 

@@ -24,7 +24,6 @@ from handtrack.files.atomic import remove_abandoned
 from handtrack.model.articulated import HandScale
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
-from handtrack.session.posed_frames import keyframe_result
 from handtrack.session.session_state import (
     Correction,
     DecidedSize,
@@ -38,13 +37,12 @@ from handtrack.session.session_state import (
     readable,
     written,
 )
-from handtrack.session.takes.take_about import foreign_takes, refined_by, versions_in_use
-from handtrack.session.takes.take_recorder import import_track
+from handtrack.session.takes import foreign_takes, import_track, refined_by, versions_in_use
+from handtrack.session.track_session import keyframe_result
 from handtrack.store.current_track import TakeFrames
 from handtrack.store.history import DO, NOTE, Action, Change, History, Kind, merged
 from handtrack.store.lease import LeaseTaken
-from handtrack.store.spans import Span, resolved
-from handtrack.store.store import Store, WritableStore
+from handtrack.store.store import Span, Store, WritableStore, resolved
 from handtrack.store.take import TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.whole.refinement import Refinement

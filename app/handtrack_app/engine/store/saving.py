@@ -14,7 +14,7 @@ from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_FILE
 from handtrack.session.sources.views import MaskChoice
-from handtrack.session.takes.take_recorder import file_digest
+from handtrack.session.takes import file_digest
 from handtrack_app.engine.document import usual_values
 from handtrack_app.engine.store.persistence import Persistence, whole_track
 from handtrack_app.protocol.snapshots import FileKind
