@@ -6,6 +6,7 @@ all that it was made of. So no code of another version runs, and nothing is comp
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import sys
 import time
@@ -18,6 +19,7 @@ from typing import Any
 
 import numba
 from numba import config
+from numba.core import event
 from numba.core.caching import FunctionCache, _CacheLocator
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import rtsys
@@ -92,6 +94,27 @@ class _Cache(FunctionCache):
                     file.unlink()
 
 
+class _CollectorOff(event.Listener):
+    """Keeps the garbage collector off while functions are compiled, each within its caller: it would take a tenth of that time."""
+
+    def __init__(self) -> None:
+        self._compiling, self._was_on = 0, False
+
+    def on_start(self, event: event.Event) -> None:
+        if not self._compiling:
+            self._was_on = gc.isenabled()
+            gc.disable()
+        self._compiling += 1
+
+    def on_end(self, event: event.Event) -> None:
+        self._compiling -= 1
+        if self._was_on and not self._compiling:
+            gc.enable()
+
+
+event.register("numba:compile", _CollectorOff())
+
+
 @cache
 def _sources(function: FunctionType) -> str:
     """Return a hash of a function's file, and of what this has from others: compiled functions, numbers, the fields of tuples."""
@@ -110,7 +133,9 @@ def compiled_with(**options: Any) -> Callable[[Any], Any]:
     """Return the decorator for options of `numba.njit`."""
 
     def decorate(function: FunctionType) -> Any:
-        dispatcher: Any = numba.njit(nogil=True, **options)(function)
+        # nothing is called from C: without a wrapper for that, all compiles a tenth quicker
+        flags: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True} | options
+        dispatcher: Any = numba.njit(**flags)(function)
         # Numba imports the module again for what is kept: of one loaded by its path it could not
         if function.__module__ in sys.modules:
             dispatcher._cache = _Cache(function)
