@@ -674,7 +674,7 @@ def check_pair(
         )
     rows_apart = np.abs(pairs[:, 1] - pairs[:, 3])
     parallax = pairs[:, 0] - pairs[:, 2]
-    if _behind(matcher, first, second):
+    if _are_exchanged(matcher, pairs, first, second):
         return (
             f"{names}: seen through this calibration, most shared features lie behind the cameras "
             "(negative disparity), and with the images exchanged they do not. Are the two cameras' "
@@ -699,22 +699,22 @@ def check_pair(
     return None
 
 
-def _behind(matcher: StereoMatcher, first: Bytes, second: Bytes) -> bool:
+def _share_before(matcher: StereoMatcher, pairs: Array) -> float:
+    """Return the share of features that lie before the cameras, in about the same row."""
+    if len(pairs) < _LEAST_FEATURES:
+        return 0.0
+    level = np.abs(pairs[:, 1] - pairs[:, 3]) <= 4 * _ROW_PX
+    return float((level & (pairs[:, 0] - pairs[:, 2] > matcher.pair.zero_disparity)).mean())
+
+
+def _are_exchanged(matcher: StereoMatcher, pairs: Array, first: Bytes, second: Bytes) -> bool:
     """Return whether features lie behind the cameras, and do not with the images exchanged."""
-
-    def share_before(a: Bytes, b: Bytes) -> float:
-        sides = enumerate(matcher.pair.by_side(a, b))
-        pairs = _shared_features(*(matcher.pair.rectify(image, side) for side, image in sides))
-        if len(pairs) < _LEAST_FEATURES:
-            return 0.0
-        level = np.abs(pairs[:, 1] - pairs[:, 3]) <= 4 * _ROW_PX
-        before = pairs[:, 0] - pairs[:, 2] > matcher.pair.zero_disparity
-        return float((level & before).mean())
-
-    if first.shape != second.shape:
+    given = _share_before(matcher, pairs)
+    if given >= _SHARE or first.shape != second.shape:
         return False
-    given = share_before(first, second)
-    return given < _SHARE and share_before(second, first) > max(_SHARE, _EXCHANGED * given)
+    exchanged = enumerate(matcher.pair.by_side(second, first))
+    swapped = _shared_features(*(matcher.pair.rectify(image, side) for side, image in exchanged))
+    return _share_before(matcher, swapped) > max(_SHARE, _EXCHANGED * given)
 
 
 def _shared_features(left: Bytes, right: Bytes) -> Array:

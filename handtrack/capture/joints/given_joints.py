@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -68,11 +67,6 @@ class ImportedJoints:
     notes: tuple[str, ...] = ()
     bodies: ImportedBodies | None = None
 
-    @cached_property
-    def is_share(self) -> bool:
-        """Whether columns and rows are shares of the image, 0 to 1 from edge to edge."""
-        return _are_shares(hand for frames in self.hands.values() for hand in frames.values())
-
     @property
     def has_hand(self) -> bool:
         """Whether a hand is in some frame."""
@@ -94,12 +88,6 @@ class ImportedJoints:
         if side is not None and chosen not in (side, ""):
             raise HandtrackError(f"{where}: no {side} hand; there is a {chosen} one.")
         return chosen, there[chosen]
-
-
-def _are_shares(points: Iterable[Floats[N, D3]]) -> bool:
-    """Return whether coordinates are shares of an image: nothing is seen within two pixels."""
-    largest = [np.nanmax(np.abs(p[:, :2])) for p in points if np.isfinite(p[:, :2]).any()]
-    return bool(largest) and max(largest) <= _SHARES
 
 
 def hand_of(names: Sequence[str], points: Floats[N, D2], confidence: Floats[N]) -> Hand:
@@ -153,18 +141,17 @@ def frame_of(value: float, where: str) -> int:
     return int(value)
 
 
-def in_pixels(hand: Floats[N, D3], size: tuple[int, int]) -> Floats[N, D3]:
-    """Return points given as shares of an image, from edge to edge, in pixels, which count from the
-    first one's centre.
-
-    Parameters
-    ----------
-    size
-        Width, height [px].
+def in_pixels(
+    frames: Mapping[int, Floats[N, D3]], size: tuple[int, int]
+) -> dict[int, Floats[N, D3]]:
+    """Return somebody's points in pixels of images of a size, width and height; of those that are given as shares of an image, from
+    edge to edge, all lie within two pixels.
     """
-    points = hand.copy()
-    points[:, :2] = points[:, :2] * size - 0.5
-    return points
+    largest = [np.nanmax(np.abs(p[:, :2])) for p in frames.values() if np.isfinite(p[:, :2]).any()]
+    if not largest or max(largest) > _SHARES:
+        return dict(frames)
+    scale, edge = np.array([*size, 1.0]), np.array([0.5, 0.5, 0.0])
+    return {frame: points * scale - edge for frame, points in frames.items()}
 
 
 def write_joints(frames: Mapping[int, Floats[N, D3]], layout: str, folder: Path) -> None:
@@ -188,11 +175,6 @@ class ImportedBodies:
     """of the points, where the file says it; None: to be recognised by `layout_of`"""
     unknown: tuple[str, ...] = ()
     """names of points that are none of a body's"""
-
-    @cached_property
-    def is_share(self) -> bool:
-        """Whether columns and rows are shares of the image, 0 to 1 from edge to edge."""
-        return _are_shares(person for people in self.frames.values() for person in people)
 
     @property
     def count(self) -> int:

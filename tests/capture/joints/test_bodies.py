@@ -38,9 +38,7 @@ def test_the_layout_is_recognised_and_points_are_kept(form, tmp_path):
     path, expected = person_in(form, tmp_path)
     given = read_joints(str(path), "it")
     assert layout_of(given.bodies, None, "it") == expected
-    person = people(given.bodies.frames)[0]
-    points = {f: in_pixels(p, SIZE) if given.bodies.is_share else p for f, p in person.items()}
-    write_joints(points, expected, tmp_path / "joints")
+    write_joints(in_pixels(people(given.bodies.frames)[0], SIZE), expected, tmp_path / "joints")
     rows = LAYOUTS[expected].points
     assert np.square([*rows.values()]).sum() == SQUARES[expected]
     known = rows.keys() - {"chest", "head", "left_hand", "right_hand"}  # which no file has

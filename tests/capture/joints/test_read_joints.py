@@ -20,7 +20,7 @@ def written(text: Path, folder: Path) -> Floats[F, D21, D3]:
     """Return what a session reads of a file's joints."""
     given = read_joints(str(text), "it")
     side, frames = given.hand(None, "it")
-    points = {f: in_pixels(h, SIZE) for f, h in frames.items()} if given.is_share else frames
+    points = in_pixels(frames, SIZE)
     write_joints(points, f"hand_{side or 'right'}", folder / "joints")
     layout = LAYOUTS[given.layout or f"hand_{side or 'right'}"]
     read = [read_openpose(folder / f"joints/{i:06d}.json", layout) for i in range(HAND_FRAMES)]

@@ -60,7 +60,6 @@ class CameraJoints:
     frames: Mapping[int, Floats[N, D3]]
     side: str
     """right or left; empty where the file does not say it, and of bodies."""
-    is_share: bool
     named_layout: str | None
     """the session's keypoint_layout; None: hand_left or hand_right."""
     what: str
@@ -74,9 +73,7 @@ class CameraJoints:
 
     def pixels(self, size: tuple[int, int]) -> dict[int, Floats[N, D3]]:
         """Return the points by frame, [px] of images of a size."""
-        if not self.is_share:
-            return dict(self.frames)
-        return {frame: in_pixels(points, size) for frame, points in self.frames.items()}
+        return in_pixels(self.frames, size)
 
     def write(self, folder: Path, side: str, size: tuple[int, int]) -> None:
         """Write a file a frame to a new folder, and say what was taken. size: of the camera's images [px]."""
@@ -179,7 +176,7 @@ def _in_view(joints: CameraJoints, view: LensView) -> CameraJoints:
         moved[:, :2] = camera.project(lens.rays(points[:, :2]))
         inside = ((moved[:, :2] > -0.5) & (moved[:, :2] < np.array(camera.size) - 0.5)).all(axis=1)
         moved[~inside] = [np.nan, np.nan, 0.0]
-    return replace(joints, frames=frames, is_share=False)
+    return replace(joints, frames=frames)
 
 
 def _opened(option: str, text: str, where: str) -> Given:
@@ -417,7 +414,7 @@ def _check_wished(kind: Subject, read: Mapping[str, object], options: Namespace)
 def _hand(given: ImportedJoints, where: str, side: str | None) -> CameraJoints:
     chosen, frames = given.hand(side, where)
     return CameraJoints(
-        where, frames, chosen, given.is_share, given.layout, f"{given.family}, a hand", given.unknown, given.notes
+        where, frames, chosen, given.layout, f"{given.family}, a hand", given.unknown, given.notes
     )  # fmt: skip
 
 
@@ -443,6 +440,4 @@ def _person(
         notes = (
             f"{where}: {len(everybody)} people; others are in {others} frames (--person chooses one).",
         )
-    return CameraJoints(
-        where, everybody[number - 1], "", bodies.is_share, layout, what, bodies.unknown, notes
-    )
+    return CameraJoints(where, everybody[number - 1], "", layout, what, bodies.unknown, notes)

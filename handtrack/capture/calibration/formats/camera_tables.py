@@ -65,6 +65,7 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
     HandtrackError
         Naming the camera and the key.
     """
+    pair: list[tuple[str | None, Mapping[str, Any]]] = []
     if isinstance(tree, Mapping):
         inner = [
             key for key in tree if plain_word(key) in ("cameras", "calibration", "cams", "rig")
@@ -72,12 +73,12 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
         if len(inner) == 1 and isinstance(tree[inner[0]], Mapping | list):
             found = read_tables(tree[inner[0]], where, alone)
             return found and _in_unit(found, tree, where)
-        pair = _stereo(tree, where)
-        if pair is not None:
-            return _in_unit(pair, tree, where)
-        if any(re.fullmatch("xi(l|r|1|2|left|right)?", plain_word(key)) for key in tree):
+        pair = _stereo(tree)
+        if not pair and any(
+            re.fullmatch("xi(l|r|1|2|left|right)?", plain_word(key)) for key in tree
+        ):
             raise _mirror(where)
-    tables = _tables(tree, alone)
+    tables = pair or _tables(tree, alone)
     if not tables:
         below = tree.values() if isinstance(tree, Mapping) else ()
         rigs = (read_tables(v, where, alone) for v in below if isinstance(v, Mapping | list))
@@ -89,11 +90,11 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
     placed = [not posed or _pose(t, w) is not None for (_, t), w in zip(tables, wheres)]
     between = _known(tree) if isinstance(tree, Mapping) else {}
     if len(tables) == 2 and not any(placed) and {"rotation", "translation"} <= between.keys():
-        pair = (
+        poses = (
             {"R": np.eye(3), "T": np.zeros(3)},
             {"R": between["rotation"], "T": between["translation"]},
         )
-        tables = [(name, {**table, **pose}) for (name, table), pose in zip(tables, pair)]
+        tables = [(name, {**table, **pose}) for (name, table), pose in zip(tables, poses)]
         placed = [True, True]
     if not any(placed):
         placed = [True] * len(tables)  # which camera_of refuses, and says what it expects
@@ -103,7 +104,8 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
         if placed[i]
     )
     unposed = tuple(name or f"{i + 1}" for i, (name, _) in enumerate(tables) if not placed[i])
-    rig = ImportedRig("one table per camera", cameras, unposed=unposed)
+    family = "stereo pair as OpenCV calibrates it" if pair else "one table per camera"
+    rig = ImportedRig(family, cameras, unposed=unposed)
     return _in_unit(rig, tree, where) if isinstance(tree, Mapping) else rig
 
 
@@ -201,30 +203,19 @@ def _splits(key: str) -> list[tuple[str, str]]:
     return [*ends, *([(numbered[1], numbered[2])] if numbered else [])]
 
 
-def _stereo(tree: Mapping[str, Any], where: str) -> ImportedRig | None:
-    """Return the pair of a stereo calibration: two lenses, and the second camera's pose from the first."""
+def _stereo(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, Any]]]:
+    """Return the lenses of a stereo calibration, which has the second camera's pose from the first beside them; else none."""
     pair: dict[str, dict[str, Any]] = {"1": {}, "2": {}}
     for key, value in tree.items():
         match = _STEREO.match(str(key))
-        if match and plain_word(match[1]) in MEANS:
+        if match and MEANS.get(plain_word(match[1])) in ("matrix", "distortions", "size"):
             which = "1" if match[2].lower() in ("1", "left", "l") else "2"
-            if MEANS[plain_word(match[1])] in ("matrix", "distortions", "size"):
-                pair[which].setdefault(match[1], value)
-    known = _known(
-        {k: v for k, v in tree.items() if not _STEREO.match(str(k)) or plain_word(k) in ("r", "t")}
-    )
-    if (
-        not all(_is_camera(t) for t in pair.values())
-        or not {"rotation", "translation"} <= known.keys()
-    ):
-        return None
+            pair[which].setdefault(match[1], value)
+    known = _known(tree)
+    if not all(map(_is_camera, pair.values())) or not {"rotation", "translation"} <= known.keys():
+        return []
     shared = {k: known[k] for k in ("size", "width", "height", "model", "fisheye") if k in known}
-    first = camera_of({**shared, **pair["1"]}, None, f"{where}, first camera", False)
-    second = {**shared, **pair["2"], "R": known["rotation"], "T": known["translation"]}
-    return ImportedRig(
-        "stereo pair as OpenCV calibrates it",
-        (first, camera_of(second, None, f"{where}, second camera", True)),
-    )
+    return [(None, {**shared, **own}) for own in pair.values()]
 
 
 def camera_of(
