@@ -18,6 +18,7 @@ from handtrack.capture.calibration.boards import (
     find_board,
     page_size_mm,
     parse_board,
+    require_views,
     search_views,
     write_board,
 )
@@ -78,6 +79,22 @@ def test_a_part_of_a_charuco_board_is_enough():
     page[:, : page.shape[1] // 2] = 128
     view = find_board(page, board)
     assert 8 <= len(view.ids) < len(board.points)
+
+
+def test_blur_is_told():
+    board = parse_board(CHARUCO)
+    page = draw_board(board, 3.0)
+    soft = cv2.GaussianBlur(page, (0, 0), 3.0)
+    assert 2 * find_board(page, board).blur_px < find_board(soft, board).blur_px
+
+
+def test_a_board_larger_than_was_said_is_told():
+    view = BoardView(0, np.arange(9), np.zeros((9, 2)), 1.5)
+    page = draw_board(BOARD, 3.0)
+    with pytest.raises(HandtrackError, match="larger.* 9 x 6"):
+        require_views(
+            replace(BOARD, columns=8), [CameraViews("a", (9, 9), (view,))], lambda _: [page]
+        )
 
 
 @pytest.mark.parametrize("text", ["chessboard:9x6:25mm", CHARUCO])
