@@ -16,7 +16,7 @@ from typing import Any
 
 from docs import searches
 from handtrack.export.registry import FORMATS
-from handtrack.session.clouds_settings import CLOUD_SETTINGS
+from handtrack.session.session_file import CLOUD_SETTINGS
 from handtrack.setting import Setting
 from handtrack.tracking.frame.methods import METHODS, Method, Traits
 from handtrack.tracking.frame.settings import ALIASES, GROUPS, SETTINGS

@@ -14,8 +14,7 @@ from handtrack.arrays import D3, Array, F, Floats, J, array_dataclass
 from handtrack.capture.calibration.rig_file import rig_from_json
 from handtrack.errors import unknown_name
 from handtrack.export.registry import AXES
-from handtrack.files.toml_table import one_of, read_table
-from handtrack.files.toml_text import read_toml
+from handtrack.files.toml_table import one_of, read_table, read_toml
 from handtrack.geometry.camera import CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel

@@ -13,10 +13,9 @@ from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import Array, Table
 
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import replace_text
+from handtrack.files.atomic import keep_version, replace_text
 from handtrack.files.text_files import read_text
-from handtrack.files.toml_text import read_toml, toml_item
-from handtrack.files.versions import keep_version
+from handtrack.files.toml_table import read_toml, toml_item
 
 
 def edit_toml(path: Path, changes: Mapping[str, Any], what: str) -> str:

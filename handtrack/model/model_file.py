@@ -20,7 +20,7 @@ from handtrack.arrays import D3, B, Floats, Ints, J
 from handtrack.errors import HandtrackError, check_name, unknown_name
 from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
-from handtrack.files.toml_text import read_toml
+from handtrack.files.toml_table import read_toml
 from handtrack.geometry.rotation import axes_along, rotation_matrix
 from handtrack.model.articulated import (
     BODY_PARTS,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -30,17 +32,15 @@ from handtrack.model.size import (
     without_forearm_end,
 )
 from handtrack.observation.observation import Keypoints, Observation
-from handtrack.parallel import in_parallel
-from handtrack.session.clouds_settings import CloudSettings
+from handtrack.parallel import in_parallel, thread_count
 from handtrack.session.first_pose.first_pose import FirstPose, poses_from_images
 from handtrack.session.session import Session
-from handtrack.session.session_file import BODY_TRACKING
-from handtrack.session.sources.joint_errors import joint_sigma_px
+from handtrack.session.session_file import BODY_TRACKING, CloudSettings
 from handtrack.session.sources.keypoint_files import of_model
-from handtrack.session.sources.prefetch import prefetching
+from handtrack.session.sources.views import joint_sigma_px
 from handtrack.tracking.find_pose import PoseEstimate, pose_in_space
 from handtrack.tracking.frame.confidence import OutlineFit, assess, outline_fit
-from handtrack.tracking.frame.control import Control, Observer
+from handtrack.tracking.frame.control import Control, Observe, Observer
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.reason import Reason
@@ -726,3 +726,37 @@ def _reasons(settings: TrackerSettings, session: Session) -> Iterator[tuple[str,
         yield "mixture.", "tracker.hypotheses is 1"
     if settings.model.coupling != "18":
         yield "model.spread_", f"it is for model.coupling = 18, which is {settings.model.coupling}"
+
+
+# ---- What the next frame needs of files is read while this one is solved
+
+
+@contextmanager
+def prefetching(
+    observe: Observe, prepare: Callable[[int], object], frames: range, start: int
+) -> Iterator[Observe]:
+    """Yield `observe`, with the frame after the one asked for prepared beside: decoded, segmented, undistorted, measured.
+
+    What is prepared stays in the session's own memory, so nothing differs but when the work is done; a frame that cannot
+    be read says so when it is asked for. start: of `frames`, where tracking begins: forward from there, and backward before it.
+    """
+    if thread_count() == 1:
+        yield observe
+        return
+    begun: dict[int, Future[object]] = {}
+    beside = ThreadPoolExecutor(1, "look-ahead")
+
+    def look(frame: int, bones: BonePoses | None) -> Observation:
+        if frame in begun:
+            begun[frame].exception()  # waits; what failed is tried, and told of, below
+        seen = observe(frame, bones)
+        then = frame + (1 if frame >= start else -1)
+        if then in frames:
+            begun.clear()
+            begun[then] = beside.submit(prepare, then)
+        return seen
+
+    try:
+        yield look
+    finally:
+        beside.shutdown(cancel_futures=True)

@@ -45,18 +45,20 @@ from handtrack.session.session_file import (
     read_session_file,
 )
 from handtrack.session.session_state import CameraCorrection, readable
-from handtrack.session.sources.cached_observations import (
-    LEAST_KEPT,
-    Kept,
-    kept,
-    most_clouds,
-    most_observations,
-    whole,
-)
 from handtrack.session.sources.camera_times import CameraTimes, FrameTimes, session_times
 from handtrack.session.sources.clouds import CloudSource, cloud_source
 from handtrack.session.sources.session_pins import SessionPins
-from handtrack.session.sources.views import MaskChoice, View, scaled_camera
+from handtrack.session.sources.views import (
+    LEAST_KEPT,
+    Kept,
+    MaskChoice,
+    View,
+    kept,
+    most_clouds,
+    most_observations,
+    scaled_camera,
+    whole,
+)
 from handtrack.store.store import Store
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings

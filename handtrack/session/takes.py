@@ -19,8 +19,7 @@ from typing import Any
 from handtrack.arrays import Floats, P
 from handtrack.capture.calibration.rig_file import rig_json
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import remove_abandoned, replacing
-from handtrack.files.versions import keep_version
+from handtrack.files.atomic import keep_version, remove_abandoned, replacing
 from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.session.layout import (
     CALIBRATION_FILE,

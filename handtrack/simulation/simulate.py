@@ -25,12 +25,12 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, write_scale
 from handtrack.observation.truth import Truth
 from handtrack.session import layout
-from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.truth import write_truth
 from handtrack.session.session_file import (
     BODY_TRACKING,
     CameraSettings,
+    CloudSettings,
     HandSettings,
     RecordingSettings,
     SessionFile,

@@ -8,7 +8,7 @@ import pytest
 from handtrack import HandtrackError
 from handtrack.files.text_files import read_json
 from handtrack.files.toml_edit import changed_toml
-from handtrack.files.toml_text import read_toml, toml_item
+from handtrack.files.toml_table import read_toml, toml_item
 from handtrack.files.yaml_text import parse_yaml
 
 BIG = "1" + "0" * 400

@@ -13,12 +13,12 @@ from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import write_scale
 from handtrack.observation.pins import Pin
 from handtrack.session import layout
-from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import write_npz
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
     CameraSettings,
+    CloudSettings,
     HandSettings,
     LensSettings,
     RecordingSettings,

@@ -11,8 +11,7 @@ from handtrack import Camera, CameraRig, Session, TrackingRun, bundled_session
 from handtrack.arrays import Floats
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.session.doctor import check_hand
-from handtrack.session.doctor.check_joints import check_joints
-from handtrack.session.doctor.check_outlines import check_outlines
+from handtrack.session.doctor.check_agreement import check_joints, check_outlines
 from handtrack.session.doctor.check_tracked import check_tracked_cameras, inconsistency_of_cameras
 from handtrack.session.doctor.examine import examine, examine_start
 from handtrack.session.formats.tables import write_result

@@ -3,7 +3,7 @@
 import pytest
 
 from handtrack import Session, TrackingRun, load_model
-from handtrack.session.sources.joint_errors import joint_sigma_px
+from handtrack.session.sources.views import joint_sigma_px
 from handtrack.simulation.simulate import simulated_rig
 from tests.session.small_session import add_seen, joints_session
 from tests.session.test_offsets_of_joints import seen_points

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from handtrack import HandtrackError
-from handtrack.session.sources.prefetch import prefetching
+from handtrack.session.run import prefetching
 
 
 def test_forward_then_backward_and_a_damaged_frame_when_it_is_asked_for(monkeypatch):

@@ -23,7 +23,7 @@ from handtrack import (
     write_npz,
 )
 from handtrack.capture.calibration.rig_file import rig_from_json
-from handtrack.files.versions import keep_version, versions
+from handtrack.files.atomic import keep_version, versions
 from handtrack.session.takes import about_take, import_track
 from handtrack.store.log import Record
 from handtrack.store.store import Span, Store, WritableStore

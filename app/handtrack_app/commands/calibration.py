@@ -35,8 +35,7 @@ from handtrack.capture.images.frames import IMAGE_SUFFIXES, FrameSource, ImageFi
 from handtrack.capture.images.raw_frames import PATTERNS, MosaicFiles
 from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.files.atomic import replacing
-from handtrack.files.versions import keep_version
+from handtrack.files.atomic import keep_version, replacing
 from handtrack_app.commands.terminal.output import answer, output_file, print_status, progress_bar
 
 _Inputs = dict[str, dict[str, FrameSource]]

@@ -9,7 +9,7 @@ import cv2
 
 from handtrack.capture.calibration.rig_picture import draw_rig
 from handtrack.files.atomic import replacing
-from handtrack.session.doctor.check_joints import joint_lines
+from handtrack.session.doctor.check_agreement import joint_lines
 from handtrack.session.doctor.check_views import SEVERITIES, Finding
 from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session

@@ -11,11 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from handtrack.diagnostics.metrics import evaluate
-from handtrack.diagnostics.take_comparison import compared, mean_overlap
+from handtrack.diagnostics.score import compared, mean_overlap
 from handtrack.errors import HandtrackError
 from handtrack.export.registry import FORMATS, export_format
 from handtrack.export.table import ArchiveMetadata, ResultsTable
-from handtrack.files.versions import keep_version
+from handtrack.files.atomic import keep_version
 from handtrack.model.model_file import scale_from
 from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun

@@ -17,11 +17,10 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.pins import Pin
 from handtrack.observation.truth import mean_error_mm
-from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.session_file import SessionFile
+from handtrack.session.session_file import CloudSettings, SessionFile, read_clouds
 from handtrack.session.session_state import (
     CameraCorrection,
     Correction,
@@ -38,8 +37,8 @@ from handtrack.session.session_state import (
 from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
 from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes import REFINED, files_read
-from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.store.store import Span, Store
+from handtrack.store.take import CurrentTrack, TakeFrames
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.tracked_rows import TrackedRows

@@ -15,8 +15,8 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_library import pose_names, pose_title
 from handtrack.model.size import shape_numbers
-from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.session import Session
+from handtrack.session.session_file import CloudSettings
 from handtrack.session.sources.views import View
 from handtrack.store.store import resolved
 from handtrack.terms.keypoints import pinned_places

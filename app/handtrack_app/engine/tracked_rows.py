@@ -12,7 +12,7 @@ from handtrack.arrays import F, Floats, Ints, K, S
 from handtrack.diagnostics.metrics import BENT_JOINTS, flexion_deg
 from handtrack.diagnostics.review import failure_probability
 from handtrack.observation.truth import mean_error_mm
-from handtrack.store.current_track import CurrentTrack, Head
+from handtrack.store.take import CurrentTrack, Head
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.protocol.snapshots import COST, ERROR, MOVED, PROBABILITY, TERM, VIEWS
 

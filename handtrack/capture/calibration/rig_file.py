@@ -12,7 +12,7 @@ from typing import Any
 
 from handtrack.capture.calibration.formats.imported_rig import numbers, numbers_at, whole_size
 from handtrack.errors import HandtrackError
-from handtrack.files.toml_text import read_toml
+from handtrack.files.toml_table import read_toml
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 

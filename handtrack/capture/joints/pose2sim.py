@@ -16,7 +16,7 @@ from handtrack.capture.calibration.formats.read_calibration import read_calibrat
 from handtrack.capture.calibration.formats.resolve import named
 from handtrack.capture.images.frames import IMAGE_SUFFIXES, files_by_frame
 from handtrack.errors import HandtrackError
-from handtrack.files.toml_text import read_toml
+from handtrack.files.toml_table import read_toml
 
 _VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm", ".mpeg", ".mpg")
 _CALIBRATIONS = (".toml", ".txt", ".xml", ".yml", ".yaml", ".json", ".npz", ".mat")

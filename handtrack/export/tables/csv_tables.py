@@ -14,8 +14,7 @@ import numpy as np
 from handtrack.errors import HandtrackError
 from handtrack.export.isb import isb_angles, isb_std
 from handtrack.export.table import ResultsTable
-from handtrack.files.atomic import replace_text
-from handtrack.files.versions import keep_version
+from handtrack.files.atomic import keep_version, replace_text
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.session.formats.tables import AXES, anatomy_arrays
 from handtrack.tracking.frame.result import Status, TrackResult, is_length

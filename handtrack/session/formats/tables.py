@@ -13,9 +13,8 @@ import numpy as np
 
 from handtrack.arrays import Array, Axes
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import replacing
+from handtrack.files.atomic import keep_version, replacing
 from handtrack.files.npz_files import read_arrays
-from handtrack.files.versions import keep_version
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracking.frame.reason import KINDS
 from handtrack.tracking.frame.result import COLUMNS, FIELDS, Status, TrackResult

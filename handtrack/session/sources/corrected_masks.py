@@ -11,7 +11,7 @@ import numpy as np
 from handtrack.arrays import Array, Bytes, H, W
 from handtrack.capture.masks.mask_correction import AS_IT_IS, LEVELS, corrected
 from handtrack.errors import HandtrackError
-from handtrack.files.versions import write_over
+from handtrack.files.atomic import write_over
 from handtrack.session.layout import CORRECTED_FOLDER, inside
 
 

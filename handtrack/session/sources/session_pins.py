@@ -14,9 +14,9 @@ import numpy as np
 from msgspec import Meta
 
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.atomic import write_over
 from handtrack.files.text_files import read_json
 from handtrack.files.toml_table import at_least, read_table
-from handtrack.files.versions import write_over
 from handtrack.geometry.camera import CameraRig
 from handtrack.observation.pins import ImagePins, Pin
 from handtrack.session.layout import PINS_FILE, inside

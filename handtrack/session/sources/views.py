@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Axes, Bytes, Floats, H, W
+from handtrack.arrays import (
+    D2,
+    D3,
+    Array,
+    Axes,
+    Bytes,
+    Floats,
+    H,
+    Ints,
+    N,
+    W,
+    array_dataclass,
+    evenly_spread,
+)
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.images.frames import (
     COLOUR,
     DEPTH,
@@ -32,9 +46,12 @@ from handtrack.geometry.camera import Camera, scaled_by
 from handtrack.geometry.lens import remap_source
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.geometry.source_lens import SourceLens
+from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import (
+    UNKNOWN,
     ImageKeypoints,
     ImageView,
+    Observation,
     Silhouette,
     undistort_image,
     undistort_silhouette,
@@ -42,11 +59,12 @@ from handtrack.observation.observation import (
 from handtrack.parallel import LRUCache
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.session_file import CameraSettings, missing_counterpart
-from handtrack.session.sources.cached_observations import CroppedMask, most_masks
 from handtrack.session.sources.camera_times import CameraTimes
 from handtrack.session.sources.corrected_masks import CorrectedMasks
 from handtrack.session.sources.keypoint_files import KeypointFiles
 from handtrack.session.sources.video_audits import read_audit
+from handtrack.tracking.frame.constants import BODY_BY_HAND, FRAMES_AHEAD
+from handtrack.tracking.search.keypoint_start import triangulated
 
 MaskChoice = tuple[str | MaskMethod | None, Roi | None]
 """files, a method or none, and a region of interest"""
@@ -447,3 +465,161 @@ def _bridged(files: KeypointFiles, own_frame: int) -> dict[str, Floats[D2]]:
         n: np.asarray((1 - share) * before[n] + share * after[n])
         for n in before.keys() & after.keys()
     }
+
+
+# ---- Observations and masks as they are kept in memory, small enough for a long recording, and how many of them
+
+
+LEAST_KEPT = 2 * (FRAMES_AHEAD + 4)
+"""observations that are kept however large: those that a search may have solved anew, with a cloud and without"""
+_OBSERVATION_BYTES_KEPT = 400_000_000
+"""of all observations: the estimate of all frames reads each about five times"""
+_MASK_BYTES_KEPT = 50_000_000
+"""of one camera's computed masks, which clouds and the page read beside observations"""
+_POINTS_KEPT = 12_000_000
+"""of all clouds before filtering, 300 MB: the estimate of all frames reads each about six times"""
+
+
+@array_dataclass
+class CroppedMask:
+    """A mask without the background around its hand: a tenth or less of its size."""
+
+    size: tuple[int, int]
+    """height, width"""
+    corner: tuple[int, int]
+    """row, column of the part"""
+    part: Array[H, W]
+    unknown: Bytes[N] | None
+    """a bit for each pixel of the mask, whether it is UNKNOWN; None where none is"""
+
+    @classmethod
+    def of(cls, mask: Array[H, W]) -> CroppedMask:
+        """Cut a mask to the smallest rectangle with all that is above 0."""
+        x, y, width, height = cv2.boundingRect((mask > 0).view(np.uint8))
+        unknown = mask < 0
+        bits = np.packbits(unknown) if unknown.any() else None
+        return cls(mask.shape, (y, x), mask[y : y + height, x : x + width].copy(), bits)
+
+    @property
+    def whole(self) -> Array[H, W]:
+        """The mask, in memory of its own."""
+        mask, (y, x) = np.zeros(self.size, self.part.dtype), self.corner
+        mask[y : y + self.part.shape[0], x : x + self.part.shape[1]] = self.part
+        if self.unknown is not None:
+            bits = np.unpackbits(self.unknown, count=mask.size).view(bool)
+            mask[bits.reshape(self.size)] = UNKNOWN
+        return mask
+
+    @property
+    def nbytes(self) -> int:
+        """How much memory it takes."""
+        return self.part.nbytes + (0 if self.unknown is None else self.unknown.nbytes)
+
+
+def most_masks(mask: CroppedMask | None) -> int:
+    """Return how many masks like one are kept."""
+    return _MASK_BYTES_KEPT // max(mask.nbytes if mask else 0, 1000)
+
+
+def most_clouds(cloud: PointCloud | None) -> int:
+    """Return how many clouds like one are kept."""
+    size = 1 if cloud is None else max(len(cloud), 1)
+    return max(_POINTS_KEPT // size, 1)
+
+
+Kept = tuple[Observation, list[tuple[Camera, CroppedMask, Ints[H, D2], float]]]
+"""an observation but its silhouettes, and of each of these camera, mask, `valid` and `off_px`"""
+
+
+def kept(seen: Observation) -> Kept:
+    """Return an observation with masks cut to their hands: undistorting and weighing them takes longer than reading them did."""
+    cut = [(s.camera, CroppedMask.of(s.mask), s.valid, s.off_px) for s in seen.silhouettes]
+    return replace(seen, silhouettes=()), cut
+
+
+def whole(seen: Kept) -> Observation:
+    """Return an observation that was kept, its masks in memory of their own."""
+    others, cut = seen
+    silhouettes = (
+        Silhouette(camera, mask.whole, valid, off_px) for camera, mask, valid, off_px in cut
+    )
+    return replace(others, silhouettes=tuple(silhouettes))
+
+
+def most_observations(seen: Kept) -> int:
+    """Return how many observations like one are kept."""
+    others, cut = seen
+    cloud = 0 if others.cloud is None else others.cloud.points.nbytes
+    size = cloud + sum(mask.nbytes for _, mask, *_ in cut)
+    return max(_OBSERVATION_BYTES_KEPT // max(size, 1000), LEAST_KEPT)
+
+
+# ---- How far a detector's joints are off in a recording, as its cameras disagree
+
+
+_JOINT_FRAMES = 32  # looked at, spread over all: 32 x 21 points tell a median to some per cent
+_FEWEST_JOINTS = 100  # points; fewer say nothing
+_DEFINITION_M = 0.002
+"""how far a point of the hand that a detector, or a person, means moves in the bone's frame as the hand moves: bone lengths that persons mark
+vary by 3 to 8 % of 30 to 90 mm at palm, thumb and index of 76 frames of one recording; of a body the same share of its size"""
+
+
+@lru_cache(maxsize=8)
+def joint_sigma_px(views: tuple[View, ...]) -> float | None:
+    """Return the standard deviation of detected joints in each direction [px]; None where two cameras do not see enough.
+
+    Triangulation takes three of a point's 2 V numbers in V cameras; what it leaves of them, squared and in units of the error, is
+    χ² with 2 V − 3 freedoms. The median of that is compared, since some points are simply elsewhere. Each camera's median
+    residual is taken out first: it is an error of the calibration, not of the detector. What cameras agree on is no better than a point
+    of a hand is defined.
+    """
+    last = min((v.keypoint_files.frames.stop for v in views if v.keypoint_files), default=0)
+    found = [
+        point
+        for frame in evenly_spread(last, _JOINT_FRAMES)
+        for point in _triangulation_residuals(
+            [j for view in views for j in view.keypoints(frame, 1.0)]
+        )
+    ]
+    if len(found) < _FEWEST_JOINTS:
+        return None
+    constant = {
+        name: np.median([off[name] for off, _ in found if name in off], axis=0)
+        for name in {name for off, _ in found for name in off}
+    }
+    squares, pixels_per_m = np.median(
+        [(_variance([off[name] - constant[name] for name in off]), scale) for off, scale in found],
+        axis=0,
+    )
+    hands = set(keypoint_names())
+    of_hand = all(hands >= set(v.keypoint_files.layout.points) for v in views if v.keypoint_files)
+    least_m = _DEFINITION_M * (1.0 if of_hand else BODY_BY_HAND)
+    return float(np.sqrt(squares + (least_m * pixels_per_m) ** 2))
+
+
+def _triangulation_residuals(
+    seen: Sequence[ImageKeypoints],
+) -> list[tuple[dict[str, Floats[D2]], float]]:
+    """Return each point's residuals after triangulation [px], by camera, and how many pixels a metre is there; of points that two
+    cameras see.
+    """
+    found: list[tuple[dict[str, Floats[D2]], float]] = []
+    names = tuple(dict.fromkeys(name for one in seen for name in one.names))
+    for name, point in zip(names, triangulated(seen, names), strict=True):
+        off: dict[str, Floats[D2]] = {}
+        scale = []
+        for one in seen:
+            row = one.names.index(name) if name in one.names else -1
+            missed = one.camera.project(point) - one.pixels[row] if row >= 0 else np.array([np.nan])
+            if np.isfinite(missed).all():
+                off[one.camera.name] = missed
+                scale.append(float(one.camera.pixels_per_m(one.camera.to_camera(point)[2])))
+        if len(off) > 1:
+            found.append((off, float(np.median(scale))))
+    return found
+
+
+def _variance(off: Sequence[Floats[D2]]) -> float:
+    """Return the variance [px²] in each direction of which a point's residuals are the median."""
+    freedoms = 2 * len(off) - 3
+    return float(np.square(off).sum()) / (freedoms * (1 - 2 / (9 * freedoms)) ** 3)

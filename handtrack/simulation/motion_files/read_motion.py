@@ -15,7 +15,7 @@ from handtrack.capture.joints.joint_names import known_body_joint, known_joint
 from handtrack.capture.joints.subject import BODY, HAND
 from handtrack.errors import HandtrackError, check_name
 from handtrack.files.text_files import LIKELY_UNITS_M, check_file, first_bytes
-from handtrack.files.toml_text import read_toml
+from handtrack.files.toml_table import read_toml
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.formats.truth import read_markers
 from handtrack.simulation.motion_files.clip import FPS, LARGEST, MotionClip, read_asf_amc, read_bvh

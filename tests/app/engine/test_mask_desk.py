@@ -7,7 +7,7 @@ import numpy as np
 from handtrack import Session
 from handtrack.capture.masks.mask_correction import HAND, empty_layer, painted
 from handtrack.capture.masks.segmentation import SkinYCrCb
-from handtrack.files.versions import versions
+from handtrack.files.atomic import versions
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.protocol import snapshots
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session

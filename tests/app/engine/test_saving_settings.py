@@ -7,7 +7,7 @@ import pytest
 from handtrack import HandScale, HandtrackError
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.files import toml_edit
-from handtrack.files.versions import versions
+from handtrack.files.atomic import versions
 from handtrack.model.model_file import read_scale
 from handtrack.session.first_pose.first_pose import read_first_pose
 from handtrack.session.session_file import read_session_file

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack.session.session_state import decide
-from handtrack.store.current_track import TakeFrames
 from handtrack.store.store import Span
+from handtrack.store.take import TakeFrames
 from handtrack_app.engine.document_snapshots import timeline_change, timeline_snapshot
 from handtrack_app.engine.posing_service import LiveScore
 from handtrack_app.engine.posing_service import pose as pose_edit

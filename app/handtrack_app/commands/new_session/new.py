@@ -16,12 +16,12 @@ from handtrack.files.toml_table import read_table
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import load_model
 from handtrack.session.bundled import TWO_VIDEOS, sample_names, write_sample
-from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.formats.truth import import_truth, write_truth
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, TRUTH_FILE, allow_links
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
     CameraSettings,
+    CloudSettings,
     HandSettings,
     LensSettings,
     RecordingSettings,

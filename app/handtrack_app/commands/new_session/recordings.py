@@ -29,7 +29,7 @@ from handtrack.capture.joints.joint_names import JOINTS
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.capture.joints.subject import BODY, HAND, Subject
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.files.toml_text import read_toml
+from handtrack.files.toml_table import read_toml
 from handtrack.geometry.camera import Camera, CameraRig, scaled_by
 from handtrack.session.layout import is_pattern
 from handtrack_app.commands.terminal.output import note, print_status

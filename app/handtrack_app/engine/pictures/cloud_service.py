@@ -20,8 +20,8 @@ from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
-from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.run import TrackingRun
+from handtrack.session.session_file import CloudSettings
 from handtrack.session.sources.skin_samples import painted_skin
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack.tracking.frame.terms.hand_distance import hand_distance

@@ -11,7 +11,7 @@ import numpy as np
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import HandScale
 from handtrack.model.size import with_number
-from handtrack.session.clouds_settings import CloudSettings
+from handtrack.session.session_file import CloudSettings
 from handtrack.session.session_state import (
     NOTHING,
     CameraCorrection,

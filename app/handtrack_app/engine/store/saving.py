@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.errors import HandtrackError
+from handtrack.files.atomic import keep_version
 from handtrack.files.toml_edit import edit_toml
-from handtrack.files.toml_text import read_toml
-from handtrack.files.versions import keep_version
+from handtrack.files.toml_table import read_toml
 from handtrack.model.model_file import write_scale
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import write_result

@@ -11,7 +11,7 @@ import numpy as np
 import viser
 
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
-from handtrack.session.clouds_settings import CLOUD_SETTINGS
+from handtrack.session.session_file import CLOUD_SETTINGS
 from handtrack_app.page.html import chip, escaped, line, picture, pictures, rgb, table, text
 from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.settings import Box, SavedSettings, SettingWidget

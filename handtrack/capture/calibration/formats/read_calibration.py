@@ -34,7 +34,7 @@ from handtrack.files.text_files import (
     read_text,
     read_xml,
 )
-from handtrack.files.toml_text import read_toml
+from handtrack.files.toml_table import read_toml
 from handtrack.files.yaml_text import parse_yaml
 
 _WHAT = "a calibration"
