@@ -187,6 +187,20 @@ class Code:
         )
         return Eight(self.builder, one).picked([0] * count)
 
+    def highest(self):
+        """Return a place for the highest numbers met, −∞ at first."""
+        lowest = ir.Constant(DOUBLES, [-math.inf] * LANES)
+        return cgutils.alloca_once_value(self.builder, lowest)
+
+    def meet(self, highest, eight):
+        """Keep the higher ones of eight numbers and of those at a place."""
+        before = Eight(self.builder, self.builder.load(highest))
+        self.builder.store(eight.at_least(before).value, highest)
+
+    def largest(self, highest):
+        """Return the largest number met."""
+        return Eight(self.builder, self.builder.load(highest)).largest()
+
     def eight(self, numbers, kind=DOUBLES):
         """Return eight constants."""
         return Eight(self.builder, ir.Constant(kind, numbers))
@@ -207,24 +221,6 @@ class Code:
         """Yield the flat place 8 g of each group g < n."""
         with cgutils.for_range(self.builder, n) as loop:
             yield self.times(loop.index, LANES)
-
-
-class Anywhere:
-    """Whether a condition held in any lane of any group."""
-
-    def __init__(self, code):
-        self.builder = code.builder
-        bits = ir.VectorType(ir.IntType(1), LANES)
-        self.slot = cgutils.alloca_once(code.builder, bits)
-        code.builder.store(ir.Constant(bits, [0] * LANES), self.slot)
-
-    def note(self, mask):
-        found = self.builder.or_(self.builder.load(self.slot), mask)
-        self.builder.store(found, self.slot)
-
-    def answer(self):
-        packed = self.builder.bitcast(self.builder.load(self.slot), BYTE)
-        return self.builder.icmp_unsigned("!=", packed, ir.Constant(BYTE, 0))
 
 
 def exp(x):

@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import math
-
 from llvmlite import ir
 from numba.core import cgutils, types
 
@@ -14,9 +12,7 @@ from handtrack.model.surfaces.metaballs_kernels import AXES, CENTRE, LEAST, TINY
 from handtrack.terms.lanes_kernels import (
     DOUBLE,
     DOUBLES,
-    LANES,
     ZEROS,
-    Anywhere,
     Eight,
     exp,
     log,
@@ -47,6 +43,10 @@ class _Ellipsoid:
         return near.where(k < self.turning, rho - rho / k)
 
 
+def _is_positive(code, number):
+    return code.builder.fcmp_ordered(">", number, ir.Constant(DOUBLE, 0.0))
+
+
 def _rows(array, at, count=3, first=0):
     return [array.load(at, first + i) for i in range(count)]
 
@@ -64,8 +64,7 @@ def nearer(code, points, first, n, table, e, turning, nearest):
     builder = code.builder
     ball = _Ellipsoid(code, table.row(e), turning)
     name = code.splat(builder.sitofp(e, DOUBLE))
-    worst = cgutils.alloca_once(builder, DOUBLES)
-    builder.store(ir.Constant(DOUBLES, [-math.inf] * LANES), worst)
+    worst = code.highest()
     with code.groups(n) as at:
         d = ball.distance(_rows(points, code.plus(first, at)))
         old, holder = _rows(nearest, at, 2)
@@ -74,27 +73,27 @@ def nearer(code, points, first, n, table, e, turning, nearest):
         d = d.where(closer, old)
         nearest.store(d, at)
         nearest.store(name.where(closer, holder), at, 1)
-        builder.store(d.at_least(Eight(builder, builder.load(worst))).value, worst)
-    return Eight(builder, builder.load(worst)).largest()
+        code.meet(worst, d)
+    return code.largest(worst)
 
 
 @written(types.boolean)
 def distances(code, points, n, ball, turning, margin, first, d):
     """d (8 n) = those of an ellipsoid; return whether any is below first + margin."""
     ball = _Ellipsoid(code, ball, turning)
-    margin, close = code.splat(margin), Anywhere(code)
+    margin, closest = code.splat(margin), code.highest()
     with code.groups(n) as at:
         found = ball.distance(_rows(points, at))
-        close.note(found < first.load(at) + margin)
+        code.meet(closest, first.load(at) + margin - found)
         d.store(found, at)
-    return close.answer()
+    return _is_positive(code, code.largest(closest))
 
 
 @written(types.boolean)
 def gradients(code, points, n, ball, turning, margin, first, near):
     """As `distances`; near has rows d, nx, ny and nz."""
     ball = _Ellipsoid(code, ball, turning)
-    margin, close = code.splat(margin), Anywhere(code)
+    margin, closest = code.splat(margin), code.highest()
     with code.groups(n) as at:
         out, y, k, rho2 = ball.level(_rows(points, at))
         inside = k < ball.turning
@@ -105,12 +104,12 @@ def gradients(code, points, n, ball, turning, margin, first, near):
         along = (ball.least * inverse).where(inside, share * inverse * inverse)
         outward = Eight(code.builder, ZEROS).where(inside, both * k - both)
         d = ((k - 1.0) * ball.least).where(inside, rho - share)
-        close.note(d < first.load(at) + margin)
+        code.meet(closest, first.load(at) + margin - d)
         near.store(d, at)
         for j in range(3):
             g = ball.axes[0][j] * y[0] + ball.axes[1][j] * y[1] + ball.axes[2][j] * y[2]
             near.store(along * g + outward * out[j], at, j + 1)
-    return close.answer()
+    return _is_positive(code, code.largest(closest))
 
 
 @written(types.void)
