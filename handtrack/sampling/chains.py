@@ -36,8 +36,6 @@ class Chain:
     """the bone that carries the chain: parent of the first hinge's bone"""
     carrier_zero: Floats[D3, D3]
     """its rotation at the zero pose"""
-    base_columns: Ints[M]
-    """the joint parameters of all hinges before the chain"""
     columns: Ints[K]
     """joint parameter of each hinge"""
     turns: Turns
@@ -114,17 +112,20 @@ def chain_along(model: ArticulatedModel, name: str, joints: Sequence[str]) -> Ch
                 f"chain '{name}': '{model.parameter_names[columns[k]]}' changes the distance between "
                 f"{joints[link[k]]} and {joints[link[k] + 1]}; name the joint between them as well."
             )
-    own = [p for p in range(matrix.shape[1]) if _leads_only(matrix[:, p], columns[inside])]
-    leader, ratio = _led(matrix, columns, link)
+    own = _leading_only(model, columns[inside])
+    # −1: a hinge whose parameter reaches outside keeps its angle
+    leader, ratio = np.full(len(columns), _HELD), np.ones(len(columns))
+    for p in _leading_only(model, columns[link >= 0]):
+        led = np.flatnonzero(matrix[columns, p])
+        leader[led] = led[0]
+        ratio[led] = matrix[columns[led], p] / matrix[columns[led[0]], p]
     carrier = int(skeleton.parent[bone[0]])
-    before = 6 + skeleton.hinges_above(carrier)
     return Chain(
         name=name,
         joints=tuple(joints),
         parameters=tuple(model.transform.names[p] for p in own),
         carrier=carrier,
         carrier_zero=zero.rotation[carrier],
-        base_columns=np.concatenate([before, columns[link < 0]]),
         columns=columns,
         turns=Turns(axes, leader, ratio, model.limits.interval[columns]),
         link=link,
@@ -176,23 +177,11 @@ def _hinges_between(model: ArticulatedModel, joints: Sequence[str]) -> tuple[Int
     return hinges + 6, link[hinges]
 
 
-def _leads_only(column: Floats, inside: Ints) -> bool:
-    led = np.flatnonzero(column)
-    return bool(len(led) and np.isin(led, inside).all())
-
-
-def _led(matrix: Floats, columns: Ints, link: Ints) -> tuple[Ints, Floats]:
-    """Return the leader (K,) of each hinge and the ratio to its angle; −1 where a parameter reaches outside."""
-    leader, ratio = np.full(len(columns), _HELD), np.ones(len(columns))
-    for p in range(matrix.shape[1]):
-        if not _leads_only(matrix[:, p], columns[link >= 0]):
-            continue
-        places = [int(np.flatnonzero(columns == s)[0]) for s in np.flatnonzero(matrix[:, p])]
-        first = min(places)
-        for place in places:
-            leader[place] = first
-            ratio[place] = matrix[columns[place], p] / matrix[columns[first], p]
-    return leader, ratio
+def _leading_only(model: ArticulatedModel, columns: Ints[K]) -> list[int]:
+    """Return the solver parameters that lead some of these joint parameters and no others."""
+    joint, leader, _ = model.transform.links
+    inside = np.isin(joint, columns)
+    return sorted({*leader[inside].tolist()} - {*leader[~inside].tolist()})
 
 
 _LEADING = 0.95  # share of the total variance that the leading directions make up
