@@ -23,7 +23,7 @@ def test_only_frames_that_show_it_count(rng):
     poses[3] = poses[5] = 0.3  # neither may count
     shown = replace(sample_track(rng, range(6)), parameters=poses, parameter_std=std, status=status)
     found = spread_of_track(shown)
-    assert found.frames == 4
-    assert found.ratio == pytest.approx(OWN)
+    assert found["frames"] == 4
+    assert found["settings"] == pytest.approx({f"model.spread_{f}": c for f, c in OWN.items()})
     with pytest.raises(HandtrackError, match=" 6 "):
         spread_of_track(replace(shown, parameter_std=np.full_like(poses, np.inf)))

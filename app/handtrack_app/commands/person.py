@@ -157,17 +157,11 @@ def _print_spread(poses: Path, json: bool) -> int:
         spread = spread_of_track(track)
     except HandtrackError as error:
         raise HandtrackError(f"{poses}: {error}") from None
-    settings = spread.settings()
-    report = {
-        "settings": settings,
-        "frames": spread.frames,
-        "residual_rad": spread.residual_rad,
-        "explained": spread.explained,
-    }
-    answer(json, report, *(f"{name} = {value:g}" for name, value in settings.items()))
+    frames, left_deg = spread["frames"], np.rad2deg(spread["residual_rad"])
+    answer(json, spread, *(f"{name} = {value:g}" for name, value in spread["settings"].items()))
     print_status(
-        f"from {spread.frames} {'frame' if spread.frames == 1 else 'frames'}; the linkage leaves {np.rad2deg(spread.residual_rad):.1f}° of the abductions unexplained "
-        f"({100 * spread.explained:.0f} % of their squares explained). Use with model.coupling = 18."
+        f"from {frames} {'frame' if frames == 1 else 'frames'}; the linkage leaves {left_deg:.1f}° of the abductions unexplained "
+        f"({100 * spread['explained']:.0f} % of their squares explained). Use with model.coupling = 18."
     )
     return 0
 
