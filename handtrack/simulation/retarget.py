@@ -11,8 +11,6 @@ import numpy as np
 
 from handtrack.arrays import D3, B, F, Floats, Ints, J, P, array_dataclass, check_shape, indices
 from handtrack.capture.calibration.rig_file import rig_json, write_rig
-from handtrack.capture.images.openpose import LAYOUTS
-from handtrack.capture.joints.given_joints import write_joints
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
@@ -36,9 +34,8 @@ from handtrack.simulation.motion_files.read_motion import turned_upright, uprigh
 from handtrack.simulation.simulate import (
     SCALE_FILE,
     CustomMotion,
-    layout_of_model,
-    points_of,
     simulated_rig,
+    write_image_joints,
 )
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
@@ -93,7 +90,8 @@ def retarget(
         seen = Keypoints(tuple(names), points, _SIGMA_M)
         start = poses[-1] if poses else fit_keypoints(model, seen)
         solved = solve(body_problem(model, seen), start, _SOLVER)
-        if poses and np.nanmax(_errors(model, seen, solved.params)) > _FAR_M:
+        off = retarget_errors(model, seen.names, points[None], solved.params[None])
+        if poses and np.nanmax(off) > _FAR_M:
             afresh = solve(body_problem(model, seen), fit_keypoints(model, seen), _SOLVER)
             solved = min(solved, afresh, key=lambda summary: summary.cost)
         poses.append(_shortest_turn(model, solved.params))
@@ -138,10 +136,9 @@ def retarget_errors(
     params: Floats[F, P],
 ) -> Floats[F, J]:
     """Return how far the model's joints are from positions [m]; NaN where unknown."""
-    pairs = zip(positions, params, strict=True)
-    return np.stack(
-        [_errors(model, Keypoints(tuple(names), points, _SIGMA_M), pose) for points, pose in pairs]
-    )
+    joints = indices(model.joint_names, names)
+    placed = [model.joint_positions(model.bones(pose))[joints] for pose in params]
+    return np.linalg.norm(np.stack(placed) - positions, axis=2)
 
 
 def _shortest_turn(model: ArticulatedModel, params: Floats) -> Floats:
@@ -149,12 +146,6 @@ def _shortest_turn(model: ArticulatedModel, params: Floats) -> Floats:
     joint = model.joint_params(params)
     joint[3:6] = rotation_vector(rotation_matrix(joint[3:6]))
     return model.transform.solver_params(joint)
-
-
-def _errors(model: ArticulatedModel, seen: Keypoints, params: Floats) -> Floats:
-    joints = indices(model.joint_names, seen.names)
-    placed = model.joint_positions(model.bones(params))[joints]
-    return np.linalg.norm(placed - seen.positions, axis=1)
 
 
 # ---- A BVH that handtrack wrote, back on its model: by the bones' turns, which joint positions alone leave partly open
@@ -298,13 +289,7 @@ def write_captured(folder: Path, motion: Captured, name: str) -> None:
     if len(rows):
         truth = Truth(rows, rows / clip.fps, None, clip.names, clip.positions[rows])
         write_truth(folder / layout.TRUTH_FILE, truth)
-    kind = layout_of_model(model)
-    for camera in rig:
-        seen = {
-            frame: points_of(LAYOUTS[kind], clip.names, camera.project(points))
-            for frame, points in enumerate(clip.positions)
-        }
-        write_joints(seen, kind, folder / "joints" / camera.name)
+    kind = write_image_joints(folder, model, rig, clip.names, clip.positions)
     cameras = tuple(
         CameraSettings(c.name, keypoints=f"joints/{c.name}/*.json", keypoint_layout=kind)
         for c in rig

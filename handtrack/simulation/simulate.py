@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, F, Floats, J, K, S, array_dataclass
+from handtrack.arrays import D2, D3, Array, F, Floats, J, S, array_dataclass
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.capture.images.openpose import LAYOUTS, Layout
+from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.joints.given_joints import write_joints
 from handtrack.capture.joints.joint_names import NAMED
 from handtrack.errors import HandtrackError
@@ -159,11 +160,16 @@ def simulate(
     write_rig(folder / layout.CALIBRATION_FILE, rig)
     poses = [model.bones(model.transform.solver_params(params)) for params in joint]
     _render_all(folder, what, model, rig, poses, progress)
-    _write_truth(folder, what, model, poses)
+    positions = np.stack([model.joint_positions(bones) for bones in poses])
+    points = np.stack([model.keypoints21(b) for b in poses]) if model.has_keypoints21 else None
+    frame = np.arange(len(poses))
+    truth = Truth(frame, frame / what.fps, points, model.joint_names, positions)
+    write_truth(folder / layout.TRUTH_FILE, truth)
     _write_init(folder, what, model, joint[0], rng)
     layouts = None
     if what.joints_px is not None:
-        layouts = write_noisy_joints(folder, model, rig, poses, what.joints_px, rng)
+        noise = partial(rng.normal, 0.0, what.joints_px)
+        layouts = write_image_joints(folder, model, rig, model.joint_names, positions, noise)
     entries = tuple(
         CameraSettings(
             name=camera.name,
@@ -237,16 +243,6 @@ def _saved(path: Path, image: Array) -> None:
         raise HandtrackError(f"simulate: could not write {path}; is the disk full or read-only?")
 
 
-def _write_truth(
-    folder: Path, what: Simulation, model: ArticulatedModel, poses: Sequence[BonePoses]
-) -> None:
-    joints = np.stack([model.joint_positions(b) for b in poses])
-    points = np.stack([model.keypoints21(b) for b in poses]) if model.has_keypoints21 else None
-    frame = np.arange(len(poses))
-    truth = Truth(frame, frame / what.fps, points, model.joint_names, joints)
-    write_truth(folder / layout.TRUTH_FILE, truth)
-
-
 def _write_init(
     folder: Path, what: Simulation, model: ArticulatedModel, first: Floats, rng: np.random.Generator
 ) -> None:
@@ -271,33 +267,28 @@ def layout_of_model(model: ArticulatedModel) -> str:
     return NAMED if model.kind == "body" else f"hand_{model.side}"
 
 
-def points_of(layout: Layout, names: Iterable[str], pixels: Floats[J, D2]) -> Floats[K, D3]:
-    """Return points in a layout's order, confidence 1; those that are unknown or beyond the layout are missing."""
-    points = np.zeros((layout.count, 3))
-    for name, pixel in zip(names, pixels, strict=True):
-        if name in layout.points and np.isfinite(pixel).all():
-            points[layout.points[name]] = (*pixel, 1.0)
-    return points
-
-
-def write_noisy_joints(
+def write_image_joints(
     folder: Path,
     model: ArticulatedModel,
     rig: CameraRig,
-    poses: Sequence[BonePoses],
-    sigma_px: float,
-    rng: np.random.Generator,
+    names: Sequence[str],
+    positions: Floats[F, J, D3],
+    noise_px: Callable[[tuple[int, ...]], Array[F, J, D2]] = np.zeros,
 ) -> str:
-    """Write every camera's 2D joints of a motion to `joints/CAMERA`, off by noise; return their layout."""
-    layout = layout_of_model(model)
+    """Write where every camera sees named joints world [m] to `joints/CAMERA`, confidence 1, and return their layout; those that are
+    unknown or beyond the layout are missing.
+    """
+    kind = layout_of_model(model)
+    known = LAYOUTS[kind]
+    rows = {k: known.points[name] for k, name in enumerate(names) if name in known.points}
     for camera in rig:
-        frames = {}
-        for frame, bones in enumerate(poses):
-            pixels = camera.project(model.joint_positions(bones))
-            noisy = pixels + rng.normal(scale=sigma_px, size=pixels.shape)
-            frames[frame] = points_of(LAYOUTS[layout], model.joint_names, noisy)
-        write_joints(frames, layout, folder / "joints" / camera.name)
-    return layout
+        pixels = camera.project(positions)
+        points = np.zeros((len(positions), known.count, 3))
+        points[:, [*rows.values()], :2] = (pixels + noise_px(pixels.shape))[:, [*rows]]
+        points[:, [*rows.values()], 2] = 1.0
+        points[~np.isfinite(points).all(axis=2)] = 0.0
+        write_joints(dict(enumerate(points)), kind, folder / "joints" / camera.name)
+    return kind
 
 
 def write_clouds(folder: Path, clouds: Mapping[int, list[PointCloud]]) -> None:

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handtrack.arrays import D3, Floats
+from handtrack.arrays import D3, D4, Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
 from handtrack.model.others.tree import (
@@ -20,10 +20,10 @@ from handtrack.model.others.tree import (
     Shape,
     definition_of,
     ellipsoid_radii,
-    hinge,
     mesh_shapes,
     numbers,
     read_root,
+    rigid,
 )
 
 _EXPANDS = ("include", "frame", "replicate", "attach", "composite", "flexcomp")
@@ -55,7 +55,7 @@ def read_mjcf(path: Path) -> dict[str, Any]:
     for top in root.findall("default"):
         _read_defaults(top, {}, classes)
     _say_all(moving[0], "main", classes, path)
-    links = list(_Robot(root, path).links(moving[0], None, np.zeros(3)))
+    links = list(_Robot(root, path).links(moving[0], None, np.eye(4)))
     return definition_of(root.get("model", path.stem), links, str(path))
 
 
@@ -96,13 +96,13 @@ class _Robot:
         tied = [one for one in root.findall("equality/joint") if one.get("joint2")]
         self._follows = {str(one.get("joint1")): self._followed(one.attrib) for one in tied}
 
-    def links(self, body: _Element, parent: str | None, anchor: Floats[D3]) -> Iterator[Link]:
+    def links(self, body: _Element, parent: str | None, above: Floats[D4, D4]) -> Iterator[Link]:
         """Yield a body's link and those below it.
 
         Parameters
         ----------
-        anchor
-            Where its parent's hinges are, in the parent's body frame [m].
+        above
+            The parent's body frame → its link's, which is where its hinges are [m].
         """
         name = body.get("name") or f"body{self._bodies.index(body)}"
         joints = [one.attrib for one in body.findall("joint")]
@@ -112,18 +112,16 @@ class _Robot:
                 raise HandtrackError(
                     f"{self._path}: body '{name}' turns in the world; expected a base that is fixed or free, and joints above it."
                 )
-        own = self._anchor(name, joints)
-        turn, place = self._turn(body.attrib), self._vector(body.attrib, "pos")
+        anchor = self._anchor(name, joints)
+        frame, own = above @ self._frame(body.attrib) @ rigid(anchor), rigid(-anchor)
         hinges = [
             self._hinge(given, f"{name}_{k}" if k else name) for k, given in enumerate(joints)
         ]
         label = hinges[0].name if hinges else ""
-        place = place + turn @ own - anchor
-        yield Link(name, parent, place, turn, hinges, self._shapes(body, own), label)
+        yield Link(name, parent, frame, hinges, self._shapes(body, own), label)
         for site in (one.attrib for one in body.findall("site")):
             if site.get("name"):
-                place = self._vector(site, "pos") - own
-                yield Link(site["name"], name, place, self._turn(site))
+                yield Link(site["name"], name, own @ self._frame(site))
         for child in body.findall("body"):
             yield from self.links(child, name, own)
 
@@ -151,44 +149,44 @@ class _Robot:
             asked = numbers(given, "range", (0.0, 0.0), self._path, 2)
             low, high = self._radians(asked - at_zero).tolist()
             limits = (low, high)
-        return hinge(name, axis, limits, self._follows.get(name), self._path)
+        return Hinge(name, axis, limits, self._follows.get(name))
 
-    def _shapes(self, body: _Element, anchor: Floats[D3]) -> list[Shape]:
+    def _shapes(self, body: _Element, own: Floats[D4, D4]) -> list[Shape]:
         """Return what a body looks like; what only touches counts where nothing is there to be looked at."""
         visuals, touches = list[Shape](), list[Shape]()
         for given in (geom.attrib for geom in body.findall("geom")):
             is_look = given.get("contype") == "0" and given.get("conaffinity") == "0"
-            (visuals if is_look else touches).extend(self._shape(given, anchor))
+            (visuals if is_look else touches).extend(self._shape(given, own))
         return visuals or touches
 
-    def _shape(self, given: _Given, anchor: Floats[D3]) -> list[Shape]:
+    def _shape(self, given: _Given, own: Floats[D4, D4]) -> list[Shape]:
         kind = given.get("type", "mesh" if "mesh" in given else "sphere")
-        place, turn = self._vector(given, "pos") - anchor, self._turn(given)
+        frame = self._frame(given)
         if kind == "mesh":
-            return self._mesh(given, place, turn)
+            return self._mesh(given, own @ frame)
         if kind not in SIZES:
             return []
         size = numbers(given, "size", None, self._path)
         if "fromto" in given:
             ends = numbers(given, "fromto", None, self._path, 6).reshape(2, 3)
             along = ends[1] - ends[0]
-            place, turn = ends.mean(axis=0) - anchor, _towards(along)
+            frame = rigid(ends.mean(axis=0), _towards(along))
             across = size[:1] if SIZES[kind] < 3 else np.resize(size[:2], 2)
             size = np.append(across, 0.5 * np.linalg.norm(along))
         if len(size) < SIZES[kind]:
             raise HandtrackError(
                 f"{self._path}: a {kind} of {len(size)} sizes; expected {SIZES[kind]}."
             )
-        return [Shape(place, turn, ellipsoid_radii(kind, size))]
+        return [Shape(own @ frame, ellipsoid_radii(kind, size))]
 
-    def _mesh(self, given: _Given, place: Floats[D3], turn: Floats[D3, D3]) -> list[Shape]:
+    def _mesh(self, given: _Given, frame: Floats[D4, D4]) -> list[Shape]:
         asset = self._meshes.get(given.get("mesh", ""))
         if asset is None or not asset.get("file"):
             return []
         folder = self._compiler.get("meshdir", self._compiler.get("assetdir", ""))
         file = self._path.parent / folder / str(asset.get("file"))
         scale = numbers(asset.attrib, "scale", (1.0, 1.0, 1.0), self._path, 3)
-        return mesh_shapes(file, scale, place, turn)
+        return mesh_shapes(file, scale, frame)
 
     # ---- what attributes mean
 
@@ -209,6 +207,10 @@ class _Robot:
 
     def _radians(self, values: Floats) -> Floats:
         return values if self._compiler.get("angle", "degree") == "radian" else np.deg2rad(values)
+
+    def _frame(self, given: _Given) -> Floats[D4, D4]:
+        """Return where an element is in the one that holds it [m]."""
+        return rigid(self._vector(given, "pos"), self._turn(given))
 
     def _turn(self, given: _Given) -> Floats[D3, D3]:
         """Return the rotation that an element says, in one of five ways."""

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from handtrack.arrays import D3, Axes, Floats, K
+from handtrack.arrays import D3, D4, Axes, Floats, K
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import read_xml
 from handtrack.geometry.rotation import axes_along, rotation_vector
@@ -21,13 +21,19 @@ _STUB_M = 0.01
 """of a bone on which nothing stands, and which has no shape"""
 
 
+def rigid(place: Floats[D3], turn: Floats[D3, D3] = np.eye(3)) -> Floats[D4, D4]:
+    """Return the transform that turns, then moves by a place [m]."""
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = turn, place
+    return frame
+
+
 @dataclass(frozen=True)
 class Shape:
-    """An ellipsoid on a link, in the link's frame."""
+    """An ellipsoid on a link."""
 
-    centre: Floats[D3]
-    """[m]"""
-    rotation: Floats[D3, D3]
+    frame: Floats[D4, D4]
+    """its axes → the link's frame [m]"""
     radii: Floats[D3]
     """[m]"""
 
@@ -38,10 +44,8 @@ class Link:
 
     name: str
     parent: str | None
-    place: Floats[D3]
-    """of its frame in the parent's, hinges at zero [m]"""
-    turn: Floats[D3, D3]
-    """link → parent, hinges at zero"""
+    frame: Floats[D4, D4]
+    """link → parent, hinges at zero [m]"""
     hinges: Sequence[Hinge] = ()
     """in the order in which they act: the second about the axis that the first carried along"""
     shapes: list[Shape] = field(default_factory=list)
@@ -55,29 +59,11 @@ class Hinge:
 
     name: str
     axis: Floats[D3]
-    """in the link's frame"""
+    """in the link's frame, of any length"""
     limits: tuple[float, float] = (-np.pi, np.pi)
     """[rad]"""
     follows: tuple[str, float] | None = None
     """another hinge and the ratio, where it follows one"""
-
-
-def hinge(
-    name: str,
-    axis: Floats[D3],
-    limits: tuple[float, float],
-    follows: tuple[str, float] | None,
-    path: Path,
-) -> Hinge:
-    """Return the hinge about an axis of any length. Raises HandtrackError for one of none, and limits that are exchanged."""
-    length, (low, high) = float(np.linalg.norm(axis)), limits
-    if length < 1e-9:
-        raise HandtrackError(f"{path}: joint '{name}' has an axis of length 0.")
-    if low > high:
-        raise HandtrackError(
-            f"{path}: joint '{name}': its limits are {low:g} to {high:g} rad; expected lower ≤ upper."
-        )
-    return Hinge(name, axis / length, limits, follows)
 
 
 def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any]:
@@ -97,41 +83,36 @@ def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any
     Raises
     ------
     HandtrackError
-        Where nothing turns, or nothing has a shape.
+        Where nothing turns, or nothing has a shape; for an axis of no length, and limits that are exchanged.
     """
     _check(links, where)
-    place, turn, carrier = _zero_pose(links)
-    moving = [link for link in links if link.parent is None or link.hinges]
-    children: dict[str, list[Link]] = {link.name: [] for link in moving}
-    for link in links:
-        if link.parent is not None:
-            children[carrier[link.parent]].append(link)
-    bones, ellipsoids, joints, frames = [], [], dict[str, Any](), dict[str, Floats]()
-    for link in moving:
-        here = place[link.name]
-        ahead = [place[child.name] for child in children[link.name]]
+    frames, carrier = _zero_pose(links)
+    bones, ellipsoids, joints = [], [], dict[str, Any]()
+    for link in (link for link in links if link.parent is None or link.hinges):
+        here, turn = frames[link.name][:3, 3], frames[link.name][:3, :3]
         own = [one for one in links if carrier[one.name] == link.name]
-        shapes = [(one, shape) for one in own for shape in one.shapes]
-        centres = [place[one.name] + turn[one.name] @ shape.centre for one, shape in shapes]
-        tail = _tail(link, here, turn[link.name], ahead, centres)
-        up = _across(tail - here, turn[link.name])
-        frame = np.eye(3) if link.parent is None else axes_along(tail - here, up)
-        frames[link.name] = frame
-        bones.append(_bone(link, carrier, here, tail, up, frame.T @ turn[link.name]))
-        for (one, shape), centre in zip(shapes, centres, strict=True):
-            rotation = frame.T @ turn[one.name] @ shape.rotation
+        above = [one for one in links if one.parent and carrier[one.parent] == link.name]
+        ahead = [frames[one.name][:3, 3] for one in above]
+        shapes = [(frames[one.name] @ s.frame, s.radii) for one in own for s in one.shapes]
+        tail = _tail(link, here, turn, ahead, [frame[:3, 3] for frame, _ in shapes])
+        up = _across(tail - here, turn)
+        axes = np.eye(3) if link.parent is None else axes_along(tail - here, up)
+        to_bone = np.linalg.inv(rigid(here, axes))
+        bones.append(_bone(link, carrier, here, tail, up, to_bone[:3, :3] @ turn))
+        for frame, radii in shapes:
+            placed = to_bone @ frame
             ellipsoids.append(
                 {
                     "bone": link.name,
-                    "centre": _mm(frame.T @ (centre - here)),
-                    "radii": _mm(shape.radii),
-                    "rotation_deg": _rounded(np.rad2deg(rotation_vector(rotation))),
+                    "centre": _mm(placed[:3, 3]),
+                    "radii": _mm(radii),
+                    "rotation_deg": _rounded(np.rad2deg(rotation_vector(placed[:3, :3]))),
                 }
             )
         joints[link.label or link.name] = [link.name, "head"]
         for one in own:
             if one is not link and not one.shapes:
-                joints[one.name] = [link.name, _mm(frame.T @ (place[one.name] - here))]
+                joints[one.name] = [link.name, _mm((to_bone @ frames[one.name])[:3, 3])]
         if not ahead and link.parent is not None:
             joints[f"{link.name}_tip"] = [link.name, "tail"]
     if not ellipsoids:
@@ -145,7 +126,7 @@ def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any
         for hinge in link.hinges
         if hinge.follows
     ]
-    reach = max(float(np.linalg.norm(p - place[links[0].name])) for p in place.values())
+    reach = max(float(np.linalg.norm(frame[:3, 3])) for frame in frames.values())
     table = {
         "format": 1,
         "name": name,
@@ -159,32 +140,36 @@ def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any
 
 
 def _check(links: Sequence[Link], where: str) -> None:
-    hinges = [hinge.name for link in links for hinge in link.hinges]
+    hinges = [hinge for link in links for hinge in link.hinges]
     if not hinges:
         raise HandtrackError(f"{where}: nothing in it turns; expected at least one hinge.")
-    for kind, names in (("links", [link.name for link in links]), ("joints", hinges)):
+    named = {"links": [link.name for link in links], "joints": [hinge.name for hinge in hinges]}
+    for kind, names in named.items():
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise HandtrackError(
                 f"{where}: two {kind} are called '{twice}'; expected names that differ."
             )
+    for hinge in hinges:
+        low, high = hinge.limits
+        if np.linalg.norm(hinge.axis) < 1e-9:
+            raise HandtrackError(f"{where}: joint '{hinge.name}' has an axis of length 0.")
+        if low > high:
+            raise HandtrackError(
+                f"{where}: joint '{hinge.name}': its limits are {low:g} to {high:g} rad; expected lower ≤ upper."
+            )
 
 
-def _zero_pose(
-    links: Sequence[Link],
-) -> tuple[dict[str, Floats], dict[str, Floats], dict[str, str]]:
-    """Return each link's place [m] and turn in the root's frame, and the moving link that carries it."""
-    place, turn, carrier = dict[str, Floats](), dict[str, Floats](), dict[str, str]()
+def _zero_pose(links: Sequence[Link]) -> tuple[dict[str, Floats], dict[str, str]]:
+    """Return each link's frame, link → root, and the moving link that carries it."""
+    frames, carrier = dict[str, Floats](), dict[str, str]()
     for link in links:
-        if link.parent is None:
-            place[link.name], turn[link.name] = np.zeros(3), np.eye(3)
-        else:
-            above = turn[link.parent]
-            place[link.name] = place[link.parent] + above @ link.place
-            turn[link.name] = above @ link.turn
-        moves = link.parent is None or bool(link.hinges)
-        carrier[link.name] = link.name if moves else carrier[str(link.parent)]
-    return place, turn, carrier
+        frames[link.name], carrier[link.name] = np.eye(4), link.name
+        if link.parent is not None:
+            frames[link.name] = frames[link.parent] @ link.frame
+            if not link.hinges:
+                carrier[link.name] = carrier[link.parent]
+    return frames, carrier
 
 
 def _tail(
@@ -227,7 +212,7 @@ def _bone(
         row["freedoms"] = [
             {
                 "name": hinge.name,
-                "axis": _rounded(own @ hinge.axis),
+                "axis": _rounded(own @ hinge.axis / np.linalg.norm(hinge.axis)),
                 "limits_deg": _rounded(np.rad2deg(hinge.limits)),
                 "rest_deg": float(np.round(np.rad2deg(np.clip(0.0, *hinge.limits)), 9)),
             }
@@ -304,10 +289,8 @@ def ellipsoid_radii(kind: str, size: Floats[K]) -> Floats[D3]:
     return np.array([radius, radius, along[kind]])
 
 
-def mesh_shapes(
-    path: Path, scale: Floats[D3], place: Floats[D3], turn: Floats[D3, D3]
-) -> list[Shape]:
-    """Return the ellipsoid of the inertia of a mesh's hull; none where the file is not there or not read. place, turn: of the mesh."""
+def mesh_shapes(path: Path, scale: Floats[D3], frame: Floats[D4, D4]) -> list[Shape]:
+    """Return the ellipsoid of the inertia of a mesh's hull; none where the file is not there or not read. frame: of the mesh."""
     import trimesh
 
     if not path.is_file():
@@ -323,5 +306,5 @@ def mesh_shapes(
     spread = (0.5 * np.trace(inertia) * np.eye(3) - inertia) / volume  # of the solid's points
     values, axes = np.linalg.eigh(spread)
     axes[:, 0] *= np.sign(np.linalg.det(axes))
-    centre = place + turn @ np.asarray(hull.center_mass)
-    return [Shape(centre, turn @ axes, np.sqrt(5.0 * np.maximum(values, 0.0)))]
+    radii = np.sqrt(5.0 * np.maximum(values, 0.0))
+    return [Shape(frame @ rigid(np.asarray(hull.center_mass), axes), radii)]

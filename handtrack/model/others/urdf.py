@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handtrack.arrays import D3, Floats
+from handtrack.arrays import D4, Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.others.tree import (
     Hinge,
@@ -18,10 +18,10 @@ from handtrack.model.others.tree import (
     Shape,
     definition_of,
     ellipsoid_radii,
-    hinge,
     mesh_shapes,
     numbers,
     read_root,
+    rigid,
 )
 
 _TURNING = ("revolute", "continuous")
@@ -65,19 +65,18 @@ def _link(
     name: str, body: _Element, joint: _Element | None, parent: str | None, path: Path
 ) -> Link:
     seen = body.findall("visual") or body.findall("collision")
-    visuals = [shape for visual in seen for shape in _shapes(visual, path)]
+    shapes = [shape for visual in seen for shape in _shapes(visual, path)]
     if joint is None:
-        return Link(name, None, np.zeros(3), np.eye(3), (), visuals)
-    place, turn = _origin(joint, path)
-    label, kind = _name(joint, path), joint.get("type", "")
+        return Link(name, None, np.eye(4), (), shapes)
+    frame, label, kind = _origin(joint, path), _name(joint, path), joint.get("type", "")
     if kind == "fixed":
-        return Link(name, parent, place, turn, (), visuals)
+        return Link(name, parent, frame, (), shapes)
     if kind not in _TURNING:
         raise HandtrackError(
             f"{path}: joint '{label}' is {kind or 'of no type'}; expected revolute, continuous or fixed: this program's joints "
             "turn."
         )
-    return Link(name, parent, place, turn, (_hinge(joint, label, kind, path),), visuals, label)
+    return Link(name, parent, frame, (_hinge(joint, label, kind, path),), shapes, label)
 
 
 def _hinge(joint: _Element, label: str, kind: str, path: Path) -> Hinge:
@@ -101,33 +100,32 @@ def _hinge(joint: _Element, label: str, kind: str, path: Path) -> Hinge:
                 f"{path}: joint '{label}' follows another with an offset of {offset:g} rad; expected 0: move its origin instead."
             )
         follows = (mimic.get("joint", ""), ratio)
-    return hinge(label, about, (low, high), follows, path)
+    return Hinge(label, about, (low, high), follows)
 
 
 def _shapes(visual: _Element, path: Path) -> list[Shape]:
-    place, turn = _origin(visual, path)
-    geometry = visual.find("geometry")
+    frame, geometry = _origin(visual, path), visual.find("geometry")
     kind = geometry[0] if geometry is not None and len(geometry) else None
     if kind is None:
         return []
     if kind.tag == "mesh":
         file = path.parent / kind.get("filename", "").split("://")[-1]
         scale = numbers(kind.attrib, "scale", (1.0, 1.0, 1.0), path, 3)
-        return mesh_shapes(file, scale, place, turn)
+        return mesh_shapes(file, scale, frame)
     if kind.tag not in _SIZES:
         return []
     size = [
         half * numbers(kind.attrib, key, None, path, 3 if key == "size" else 1)
         for key, half in _SIZES[kind.tag].items()
     ]
-    return [Shape(place, turn, ellipsoid_radii(kind.tag, np.concatenate(size)))]
+    return [Shape(frame, ellipsoid_radii(kind.tag, np.concatenate(size)))]
 
 
-def _origin(element: _Element, path: Path) -> tuple[Floats[D3], Floats[D3, D3]]:
+def _origin(element: _Element, path: Path) -> Floats[D4, D4]:
     origin = element.find("origin")
     given: Mapping[str, str] = {} if origin is None else origin.attrib
     turn = Rotation.from_euler("xyz", numbers(given, "rpy", (0.0, 0.0, 0.0), path, 3)).as_matrix()
-    return numbers(given, "xyz", (0.0, 0.0, 0.0), path, 3), turn
+    return rigid(numbers(given, "xyz", (0.0, 0.0, 0.0), path, 3), turn)
 
 
 def _name(element: _Element, path: Path) -> str:
