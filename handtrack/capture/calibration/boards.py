@@ -618,8 +618,7 @@ def _descriptions(camera: CameraViews, views: Sequence[BoardView]) -> Floats:
         middle = view.pixels.mean(axis=0)
         spread = view.pixels - middle
         box = np.maximum(np.ptp(view.pixels, axis=0), 1e-9)
-        _, values, _ = np.linalg.svd(spread.T @ spread / len(spread))
-        long, short = np.sqrt(values)
+        long, short = np.linalg.svd(spread, compute_uv=False) / np.sqrt(len(spread))
         # how much corners crowd to one side, along x and y: the sign of a tilt
         crowded = 4 * (-spread.min(axis=0) / box - 0.5)
         rows.append([*middle / camera.size, 2 * long / camera.size[0], short / long, *crowded])

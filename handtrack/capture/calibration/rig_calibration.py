@@ -13,7 +13,6 @@ from typing import Any
 import cv2
 import numpy as np
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial.transform import Rotation
 
 from handtrack.arrays import D2, D3, D4, D6, D9, Array, C, Floats, K, N
 from handtrack.capture.calibration.boards import Board, BoardView, CameraViews, choose_views
@@ -30,7 +29,7 @@ from handtrack.capture.calibration.bundle_adjustment import (
 from handtrack.capture.calibration.formats.imported_rig import five_or_more
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig, camera_matrix
-from handtrack.geometry.rotation import rotation_matrix, rotation_vector
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector, turn_between
 
 _LEAST_VIEWS = 3
 _APART = 0.03  # share of the board's distance; rightly matched views agree to some thousandths
@@ -447,7 +446,7 @@ def _turn_transforms(board: Board) -> list[Floats]:
     for turn in board.turns:
         seen, real = board.points, board.points[turn]
         middle = board.points.mean(axis=0)
-        rotation = Rotation.align_vectors(real - middle, seen - middle)[0].as_matrix()
+        rotation = turn_between(seen - middle, real - middle)
         found.append(_transform(rotation, middle - rotation @ middle))
     return found
 
@@ -456,24 +455,18 @@ def _agreed(news: list[Floats], nears: list[Floats], turns: list[Floats]) -> tup
     """Return T_new_near on which most common views agree, and their median disagreement.
 
     Each view proposes one per way the board looks the same; wrong ones move with the board, the right
-    ones agree. The winner is averaged with those that agree with it.
+    ones agree.
     """
     proposals = np.stack(
         [[a @ turn @ np.linalg.inv(b) for turn in turns] for a, b in zip(news, nears, strict=True)]
     )  # (V, S, 4, 4)
     distance = float(np.median([np.linalg.norm(b[:3, 3]) for b in [*news, *nears]]))
     candidates = proposals.reshape(-1, 4, 4)
-    apart = [_disagreements(candidate, proposals, distance) for candidate in candidates]
-    middles = [np.median(off.min(axis=1)) for off in apart]
-    best = int(np.argmin(middles))
-    chosen = proposals[np.arange(len(proposals)), apart[best].argmin(axis=1)]
-    off = _disagreements(candidates[best], chosen, distance)
-    agreeing = chosen[off <= max(2 * middles[best], 1e-6)]
-    mean = _transform(
-        Rotation.from_matrix(agreeing[:, :3, :3]).mean().as_matrix(),
-        np.median(agreeing[:, :3, 3], axis=0),
-    )
-    return mean, float(np.median(_disagreements(mean, chosen, distance)))
+    apart = [
+        float(np.median(_disagreements(one, proposals, distance).min(axis=1))) for one in candidates
+    ]
+    best = int(np.argmin(apart))
+    return candidates[best], apart[best]
 
 
 def _disagreements(pose: Floats, others: Floats, distance: float) -> Floats:
