@@ -72,7 +72,7 @@ class Workbench:
         self._wanted: dict[str, tuple[object, ...]] = {}
         self.engine = self.worker.engine
         self._plays_first = demo
-        self._watched: tuple[Callable[[], object], ...] = (self._see_first,)
+        self._watch: Callable[[], object] = self._see_first
         """called now and then, by the thread that shows snapshots"""
         self._token = token
         self.left = threading.Event()
@@ -161,8 +161,7 @@ class Workbench:
                     self.page.show(snapshot)
             except Exception:  # one snapshot that cannot be shown must not end the page
                 log.exception("could not show %s", type(snapshot).__name__)
-            for watch in self._watched:
-                watch()
+            self._watch()
 
     def _see_first(self) -> None:
         """Build scene and panels once all has come that they begin with."""
@@ -192,7 +191,8 @@ class Workbench:
         subscribe(Drawn, self._show_held)
         subscribe(snapshots.ProgressSnapshot, self._show_progress)
         subscribe(snapshots.RerunPage, self._show_rerun)
-        self._watched = (self.stage.clear_late, self.layout.help.watch, self._see_ready)
+        self._watch = self.stage.clear_late
+        self.page.watch(self._see_ready)
         self.layout.help.offers_tour = self._is_demo
         self.page.greet(self.layout.help.welcome)
         # who comes can take hold of the hand; the picture of who goes is painted no more
@@ -226,8 +226,6 @@ class Workbench:
         if self.state.tracking != tracking:
             self.state.tracking = tracking
             self.redraw()
-            self.layout.review.ask()
-        self.layout.show_hidden()
         if self._plays_first and progress.state == "idle":  # the demo is open
             self._plays_first = False
             is_tracked = bool((self.state.strip.status >= 0).any())

@@ -59,6 +59,7 @@ class Help(Part):
     """to who comes for the first time"""
 
     def build(self) -> None:
+        self.page.watch(self._go_on)
         key = self.page.key
         key("Help: all keys", "shift+H", self.show, by_page=True)
         key("Tour: five things to do", "", self.tour, by_page=True)
@@ -119,7 +120,7 @@ class Help(Part):
         )
         client.tour = folder, number, self.marks[number]()
 
-    def watch(self) -> None:
+    def _go_on(self) -> None:
         """Go on where a step of the tour was done."""
         for client in self.page.clients:
             if (tour := client.tour) is not None and self.marks[tour[1]]() != tour[2]:

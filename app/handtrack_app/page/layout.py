@@ -72,6 +72,9 @@ class PageLayout:
         colours(gui)
         dress(page.server)
         self.snapshot: SessionSnapshot | None = None
+        self._behind: PoseSnapshot | None = None
+        """what tabs behind others show"""
+        self._waits = False
         self.saved = ""
         self.head = gui.add_html(head(None, page.state))
         page.reflect(self.head, content=lambda: head(self.snapshot, page.state, self.saved))
@@ -143,7 +146,6 @@ class PageLayout:
         timeline = below.add_tab("Timeline")
         with timeline:
             self.next = NextStep(page, self.tracking, self.guesses, self.review)
-        self.tracking.followed = self.show_hidden
         self.timeline = TimelinePanel(page, timeline)
         self.timeline.moved = self.plots.draw
         below.float(x=16, y=-16, width=560)
@@ -171,6 +173,7 @@ class PageLayout:
         subscribe(Notice, self.review.warn)
         subscribe(RerunPage, self.tracking.show_rerun)
         subscribe(Download, self.export.deliver)
+        page.watch(self._show_hidden)
 
     def _show_session(self, session: SessionSnapshot) -> None:
         self.snapshot = session
@@ -178,14 +181,15 @@ class PageLayout:
     def show_pose(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Show a pose in the panels. newest: what can be moved moves, too; no edit is under way."""
         self.pose.show(pose, newest)
-        self.show_hidden()
-        if not newest:
-            return
-        self.timeline.show_pose(pose)
+        if newest:
+            self.timeline.show_pose(pose)
 
-    def show_hidden(self) -> None:
+    def _show_hidden(self) -> None:
         """Show the pose in tabs behind others and closed groups, too, once no tracked frames pass by."""
         pose, waits = self.pose.pose, self.page.state.passes
+        if pose is self._behind and waits == self._waits:
+            return
+        self._behind, self._waits = pose, waits
         put(self.certainty, content=_WAITS if waits else certainty_table(self.pose.names, pose.std))
         if not waits:
             self.limits.show(pose)

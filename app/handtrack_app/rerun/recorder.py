@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, N, P
+from handtrack.arrays import D2, D3, Array, Floats, N, P
 from handtrack.diagnostics.residuals import (
     dots,
     image_residuals,
@@ -164,27 +165,28 @@ class ResidualRecorder:
             self._waiting = SimpleQueue()
 
     def _record(self, run: TrackingRun, result: FrameResult, steps: list[Step]) -> None:
-        model = run.model
-        painter = None
-        if result.frame == self._closely or not (self._live and self.is_behind):
-            params = model.transform.solver_params(result.parameters)
-            painter = _Painter(run, result.frame, params, self._before(run, result.frame))
-        else:
+        named = run.model.named(result.parameters)
+        log_result(self._recording, result, named, _error_mm(run, result))
+        if self._live and self.is_behind and result.frame != self._closely:
             self.without_pictures += 1
-        recording, named = self._recording, model.named(result.parameters)
-        log_result(recording, result, named, _error_mm(run, result))
+        else:
+            self._record_pictures(run, result, steps)
         self._results[result.frame] = result
-        if painter is not None:
-            pictures = painter.pictures(painter.params)
-            kinds = {kind for made in pictures.values() for kind in made if kind.startswith(DOTTED)}
-            if not kinds <= self._kinds:
-                self._kinds |= kinds
-                recording.send_blueprint(layout(self._kinds))
-            log_pictures(recording, "cameras", pictures)
-            log_scalars(recording, "overlap", painter.overlap())
-            log_space(recording, model, *painter.space())
-            if steps:
-                self._watched = (run, result, steps), painter
+
+    def _record_pictures(self, run: TrackingRun, result: FrameResult, steps: list[Step]) -> None:
+        model, recording = run.model, self._recording
+        params = model.transform.solver_params(result.parameters)
+        painter = _Painter(run, result.frame, params, self._before(run, result.frame))
+        pictures = painter.pictures(params)
+        kinds = {kind for made in pictures.values() for kind in made if kind.startswith(DOTTED)}
+        if not kinds <= self._kinds:
+            self._kinds |= kinds
+            recording.send_blueprint(layout(self._kinds))
+        log_pictures(recording, "cameras", pictures)
+        log_scalars(recording, "overlap", painter.overlap())
+        log_space(recording, model, *painter.space())
+        if steps:
+            self._watched = (run, result, steps), painter
 
     def _before(self, run: TrackingRun, frame: int) -> Before | None:
         """Return the frame whose texture is carried into this one, and the first; None where none is, or none is looked at."""
@@ -243,14 +245,19 @@ class _Painter:
     def pictures(self, params: Floats) -> Pictures:
         """Return what each camera saw and what a pose (P,) predicts there; black and white beyond what counts."""
         bones = self._model.bones(params)
-        views = self._dotted(bones)
+        views: Pictures = defaultdict(dict)
+        for (name, kind), parts in self._residuals(bones).items():
+            pixels, sigmas = (np.concatenate(part) for part in zip(*parts, strict=True))
+            drawn = dots(self._cameras[name].size, pixels, sigmas / _FULL_SIGMAS)
+            colours = np.where(np.isnan(drawn)[..., None], _UNSEEN, signed_colours(drawn))
+            views[name][DOTTED + kind] = colours.astype(np.uint8)
         for name, image in self._images.items():
-            views.setdefault(name, {})["image"] = image
+            views[name]["image"] = image
         for i, silhouette in enumerate(self._observation.silhouettes):
             counts = _within(self._terms.prepared[i].mask.valid, silhouette.mask.shape[1])
             counts &= silhouette.mask >= 0
             mask = np.where(counts, silhouette.mask, 0.0)
-            made = views.setdefault(silhouette.camera.name, {})
+            made = views[silhouette.camera.name]
             made["observed"] = grey(mask)
             if self._term is not None:
                 field = predicted_image(self._term, i, bones)
@@ -260,37 +267,27 @@ class _Painter:
                 made["residual"] = signed_colours(residual)
         return views
 
-    def _dotted(self, bones: BonePoses) -> Pictures:
-        """Return pictures of the residuals of clouds, edges and texture where they lie in each camera's image."""
-        results: dict[str, dict[str, list[tuple[Floats, Floats]]]] = {}
+    def _residuals(
+        self, bones: BonePoses
+    ) -> dict[tuple[str, str], list[tuple[Floats[N, D2], Floats[N]]]]:
+        """Return pixels and signed residuals [sigmas] of clouds, edges and texture, by camera and kind."""
+        results = defaultdict[tuple[str, str], list[tuple[Floats, Floats]]](list)
         for term in self._last:
             for kind, points, sigmas in space_residuals(term, bones):
-                for camera in self._cameras.values():
-                    ahead = camera.to_camera(points)[:, 2] > 0
-                    pixels = camera.project(points[ahead])
-                    kinds = results.setdefault(camera.name, {})
-                    kinds.setdefault(kind, []).append((pixels, sigmas[ahead]))
+                for name, camera in self._cameras.items():
+                    results[name, kind].append((camera.project(points), sigmas))
             for kind, camera, pixels, sigmas in image_residuals(term, bones):
-                results.setdefault(camera.name, {}).setdefault(kind, []).append((pixels, sigmas))
-        pictures: Pictures = {}
-        for name, kinds in results.items():
-            for kind, parts in kinds.items():
-                pixels, sigmas = (np.concatenate(part) for part in zip(*parts, strict=True))
-                drawn = dots(self._cameras[name].size, pixels, sigmas / _FULL_SIGMAS)
-                colours = np.where(np.isnan(drawn)[..., None], _UNSEEN, signed_colours(drawn))
-                pictures.setdefault(name, {})[DOTTED + kind] = colours.astype(np.uint8)
-        return pictures
+                results[camera.name, kind].append((pixels, sigmas))
+        return results
 
     def overlap(self) -> dict[str, float]:
         """Return how far model and mask overlap in each camera."""
         observed, bones = self._terms.prepared, self._model.bones(self.params)
-        result = (
-            outline_overlap(observed, self._model.ellipsoids["fine"], bones).iou.tolist()
-            if observed
-            else []
-        )
+        if not observed:
+            return {}
+        shares = outline_overlap(observed, self._model.ellipsoids["fine"], bones).iou.tolist()
         names = [silhouette.camera.name for silhouette in self._observation.silhouettes]
-        return dict(zip(names, result, strict=True))
+        return dict(zip(names, shares, strict=True))
 
     def space(
         self,

@@ -33,6 +33,14 @@ class InputFiles:
     """the folder, where it is a Pose2Sim project: `new` finds videos and 2D joints in it"""
 
 
+def check_folder(folder: Path) -> None:
+    """Raise HandtrackError for what is no folder."""
+    if not folder.is_dir():
+        raise HandtrackError(
+            f"{folder}: no such folder. Give the folder with your cameras' videos, as a path on the machine that handtrack runs on."
+        )
+
+
 def find_files(folder: Path, calibrations: Sequence[Path] = ()) -> InputFiles:
     """Look into a folder, and the folders in it, for a recording. calibrations: if they lie elsewhere.
 
@@ -40,10 +48,7 @@ def find_files(folder: Path, calibrations: Sequence[Path] = ()) -> InputFiles:
     """
     if is_pose2sim(folder):
         return _project(folder, next(iter(calibrations), None))
-    if not folder.is_dir():
-        raise HandtrackError(
-            f"{folder}: no such folder. Give the folder with your cameras' videos, as a path on the machine that handtrack runs on."
-        )
+    check_folder(folder)
     files = sorted(
         path for path in [*folder.glob("*"), *folder.glob("*/*")][:_MOST] if path.is_file()
     )

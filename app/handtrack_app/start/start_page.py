@@ -7,6 +7,7 @@ import logging
 import sys
 import threading
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -40,7 +41,13 @@ from handtrack_app.start.import_progress import (
     detected_joints,
     small_picture,
 )
-from handtrack_app.start.input_files import CALIBRATIONS, VIDEOS, InputFiles, find_files
+from handtrack_app.start.input_files import (
+    CALIBRATIONS,
+    VIDEOS,
+    InputFiles,
+    check_folder,
+    find_files,
+)
 from handtrack_app.start.recent import recent_sessions
 from handtrack_app.viser_internals import id_of, run_javascript
 
@@ -74,7 +81,7 @@ class StartPage:
         self.web = start_web_server(host, port, token=token)
         self.chosen: Path | None = None
         self._ended = threading.Event()
-        self._drawing: list[threading.Thread] = []
+        self._drawing = ThreadPoolExecutor(2)
         """waited for at the end: Python ends what still runs, and within a decoder that aborts the program"""
         self._program: Program | None = None
         self._files: InputFiles | None = None
@@ -125,8 +132,7 @@ class StartPage:
         """End the page and what runs."""
         self._cancel()
         self._ended.set()
-        for thread in self._drawing:
-            thread.join()
+        self._drawing.shutdown(cancel_futures=True)
         self.web.close()
         self._uploads.cleanup()
 
@@ -152,12 +158,7 @@ class StartPage:
             one = gui.add_html(card(name, (where,)))
             self._button(f"Open {name}", lambda find=find: self.open(find()))
             shown.append((one, find, name, where))
-        self._draw(partial(self._draw_cards, shown))
-
-    def _draw(self, work: Callable[[], None]) -> None:
-        thread = threading.Thread(target=work, daemon=True)
-        self._drawing.append(thread)
-        thread.start()
+        self._drawing.submit(self._draw_cards, shown)
 
     def _draw_cards(
         self, cards: Iterable[tuple[viser.GuiHtmlHandle, Callable[[], Path], str, str]]
@@ -175,12 +176,12 @@ class StartPage:
     # ---- folders
 
     def _typed(self) -> None:
-        folder = Path(self.folder.value.strip()).expanduser()
-        if not folder.is_dir():
-            raise HandtrackError(
-                f"{folder}: no such folder. Give the folder with your cameras' videos, as a path on the machine that handtrack runs on."
-            )
-        self._go(folder)
+        check_folder(self._folder)
+        self._go(self._folder)
+
+    @property
+    def _folder(self) -> Path:
+        return Path(self.folder.value.strip()).expanduser()
 
     def _go(self, folder: Path) -> None:
         """Show a folder, and what can be made of what lies in it."""
@@ -230,7 +231,7 @@ class StartPage:
     def look(self) -> None:
         """Find the videos and the calibration of a folder, and show how they belong together."""
         given = [one.strip() for one in self.calibration.value.split(";")]
-        folder = Path(self.folder.value.strip()).expanduser()
+        folder = self._folder
         put(self.making, visible=True)
         put(self.make, visible=False)
         result = self._files = find_files(folder, [Path(one).expanduser() for one in given if one])
@@ -380,7 +381,7 @@ class StartPage:
 
         def report(line: str) -> None:
             if progress.hear(line) and out is not None:
-                self._draw(partial(self._show_joints, out))
+                self._drawing.submit(self._show_joints, out)
             self.output.content = progress.words()
             put(
                 self.bar,

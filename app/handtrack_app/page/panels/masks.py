@@ -209,7 +209,7 @@ class CorrectingWidgets(Part):
             page.key(f"Brush for masks: {words}", key, partial(self._resize, factor))
         self._other = tuple(self.brushes)[1]
         """what X swaps with"""
-        self.stage.stopped_painting = lambda: self._show_painting(None)
+        page.watch(self._see_painter)
 
     def show_corrections(self, corrected: dict[str, str]) -> None:
         """Say which cameras are corrected in the frame shown."""
@@ -218,16 +218,18 @@ class CorrectingWidgets(Part):
 
     def _begin(self, client: Client) -> None:
         self.stage.paint_on(self.camera(client), client, _TASK, self._pointed)
-        self._show_painting(client)
 
     def _end(self, client: Client) -> None:
         """End the painting, whoever asks for that."""
         painter = self._painter if self._painter in self.page.clients else client
         self.stage.look(painter.through, painter)
 
-    def _show_painting(self, painter: Client | None) -> None:
-        """Take who paints; nobody does any more, for None."""
+    def _see_painter(self) -> None:
+        """Take who paints, if that has changed."""
+        painter = next((one for one in self.page.clients if one.pointed), None)
         before, self._painter = self._painter, painter
+        if painter is before:
+            return
         if before is not None:
             before.modal = None
             _send_brush(before, 0.0)

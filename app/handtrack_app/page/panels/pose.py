@@ -199,7 +199,7 @@ class PosePanel(Panel):
                 )  # fmt: skip
                 self.rows.append(self.page.bind(row, self.open))
             for group, members in groups.items():
-                self._add_folder(group, members, session)
+                self._add_folder(group, members)
         self.open(next(g for g in ("Index", "Left arm", *groups) if g in self.folders))
 
     def _unit(self, name: str) -> float:
@@ -212,7 +212,7 @@ class PosePanel(Panel):
                 put(folder, visible=name == group)
             self.move_sliders()
 
-    def _add_folder(self, group: str, members: Sequence[str], session: SessionSnapshot) -> None:
+    def _add_folder(self, group: str, members: Sequence[str]) -> None:
         gui = self.gui
         if group not in self.folders:
             below = self.sliders_at + 0.5  # the rows of groups, which are made anew oftener
@@ -221,13 +221,9 @@ class PosePanel(Panel):
             for name in members:
                 if name in self.sliders:
                     continue
-                s = self.names.index(name)
-                low, high = session.interval[s] / self._unit(name)
-                if not (math.isfinite(low) and math.isfinite(high)):
-                    low, high = (-_REACH, _REACH) if name.startswith("root_t") else (-180.0, 180.0)
-                start = float(np.clip(0.0, low, high))
-                low, high = float(math.floor(low)), float(math.ceil(high))
-                slider = gui.add_slider(label_of(name, self.length[0]), low, high, 0.1, start)
+                # of joints, `fit` narrows it to their limits
+                most = _REACH if name.startswith("root_t") else 180.0
+                slider = gui.add_slider(label_of(name, self.length[0]), -most, most, 0.1, 0.0)
                 words = f"{group} {label_of(name, '').removesuffix('°').strip()}"
                 self.page.on(slider, partial(self._moved, name, self._unit(name), words))
                 self.sliders[name] = slider

@@ -87,6 +87,7 @@ class ReviewPanel(Panel):
             self.cards.append(page.offer(gui.add_html(""), there))
             self.rows.append(page.button("–", partial(self._chosen, n), when=there))
         self.more = gui.add_html("")
+        page.watch(self._ask)
         page.key("Review: next in the queue", "shift+Z", partial(self.step, 1))
         page.key("Review: previous in the queue", "shift+U", partial(self.step, -1))
         page.key("Review: accept and next", "shift+Y", partial(self.do_accept, ""))
@@ -237,9 +238,8 @@ class ReviewPanel(Panel):
         left = len(self.intervals) - first - _ROWS
         words = f"{first} before these, {left} after" if first else f"{left} more"
         put(self.more, content=text(words) if left > 0 or first else "")
-        self.ask()
 
-    def ask(self) -> None:
+    def _ask(self) -> None:
         """Ask for the pictures of the intervals listed, unless tracking goes on, which needs the time."""
         listed = self.intervals[self._first_row : self._first_row + _ROWS]
         if listed != self._asked and not self.state.tracking:

@@ -150,7 +150,6 @@ class SettingsPanel(Panel):
 
     refits: RefitSwitch
     controls: dict[str, SettingWidget] = field(default_factory=dict)
-    folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
     explanations: dict[str, viser.GuiHtmlHandle] = field(default_factory=dict)
     """by setting: a sentence on the value that holds"""
 
@@ -159,14 +158,11 @@ class SettingsPanel(Panel):
         for name, one in self.controls.items():
             value = session.settings.get(name)
             one.show(value)
-            put(
-                one.widget,
-                label=f"{one.known.label} •" if name in self._changed else one.known.label,
-            )
+            changed = " •" if name in session.unsaved["setting"] else ""
+            put(one.widget, label=one.known.label + changed)
             if name in self.explanations:
                 words = html.escape(one.known.explanations.get(str(value), ""))
                 put(self.explanations[name], content=text(words))
-        self._show_what_counts(session)
         self.shape.fit(session)
 
     def build(self) -> None:
@@ -178,42 +174,30 @@ class SettingsPanel(Panel):
         for title, settings in CONTROLS.items():
             known = [s for s in settings if s.name in session.settings]
             known = [s for s in known if s.about in ("", session.kind)]
+            known = [s for s in known if on_page(s, session.settings[s.name]) is not None]
             if known:
                 folder = gui.add_folder(title, expand_by_default=title in OPEN)
-                self.folders[title] = folder
-                with folder:
+                with page.offer(folder, lambda known=known: any(map(self._counts, known))):
                     for setting in known:
-                        if on_page(setting, session.settings[setting.name]) is not None:
-                            self._add(setting)
+                        self._add(setting)
         self.shape = ShapePanel(page)
 
-    def _show_what_counts(self, session: SessionSnapshot) -> None:
-        """Offer settings of what the recording has, or of what somebody changed all the same."""
-        for title, folder in self.folders.items():
-            counting = False
-            for setting in CONTROLS[title]:
-                if setting.name in self.controls:
-                    about = _OBSERVED_AS.get(setting.name.partition(".")[0])
-                    counts = (
-                        about is None or about in session.observed or setting.name in self._changed
-                    )
-                    put(self.controls[setting.name].widget, visible=counts)
-                    if setting.name in self.explanations:
-                        put(self.explanations[setting.name], visible=counts)
-                    counting |= counts
-            put(folder, visible=counting)
-
-    @property
-    def _changed(self) -> tuple[str, ...]:
-        return self.state.session.unsaved["setting"]
+    def _counts(self, setting: Setting) -> bool:
+        """Return whether the recording has what a setting weighs, or somebody changed it all the same."""
+        session = self.state.session
+        about = _OBSERVED_AS.get(setting.name.partition(".")[0])
+        changed = setting.name in session.unsaved["setting"]
+        return about is None or about in session.observed or changed
 
     def _add(self, setting: Setting) -> None:
         set_it = self.engine.set_setting
-        self.controls[setting.name] = SettingWidget(
-            self.page, setting, lambda value: set_it(setting.name, value, setting.label)
+        page, counts = self.page, partial(self._counts, setting)
+        self.controls[setting.name] = control = SettingWidget(
+            page, setting, lambda value: set_it(setting.name, value, setting.label)
         )
+        page.offer(control.widget, counts)
         if setting.explanations:
-            self.explanations[setting.name] = self.gui.add_html("")
+            self.explanations[setting.name] = page.offer(self.gui.add_html(""), counts)
 
 
 @dataclass
@@ -395,11 +379,10 @@ class RefitSwitch:
 
     def build(self) -> None:
         """Add a switch where the page builds now."""
-        self.boxes.append(self.page.check("Refit as I tune", self.on, self.turn, _HINT))
+        box = self.page.check("Refit as I tune", self.on, self.turn, _HINT)
+        self.boxes.append(self.page.reflect(box, value=lambda: self.on))
 
     def turn(self, on: bool) -> None:
         """Turn it on or off."""
         self.on = on
-        for box in self.boxes:
-            put(box, value=on)
         self.page.engine.refit_while_tuning(on)

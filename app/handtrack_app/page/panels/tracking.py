@@ -29,8 +29,6 @@ _SIZE = "model.fit_size"
 class TrackingPanel(Panel):
     """Handles of the tracking tab."""
 
-    followed: Callable[[], None] = lambda: None
-
     def build(self) -> None:
         page, state, live = self.page, self.state, self.state.session.live
         pause = page.button(
@@ -130,7 +128,6 @@ class TrackingPanel(Panel):
     def _follow(self, on: bool) -> None:
         self.state.follow = on
         self.engine.follow(on)
-        self.followed()
 
     def start(self, which: str) -> None:
         """Track: `all`, `here`, `range`, or as a button of the panel says."""
@@ -286,8 +283,8 @@ class TakesPanel(Panel):
 
     def build(self) -> None:
         page, gui = self.page, self.gui
-        self.folder = gui.add_folder("Takes", expand_by_default=False, visible=False)
-        with self.folder:
+        self.folder = gui.add_folder("Takes", expand_by_default=False)
+        with page.offer(self.folder, lambda: self.chosen.options != _NO_TAKES):
             self.list = gui.add_html("")
             self.chosen = gui.add_dropdown("Take", _NO_TAKES)
             self.back = page.button(
@@ -308,7 +305,6 @@ class TakesPanel(Panel):
             self.chosen.options = numbers
             self.chosen.value = numbers[0]
         put(self.list, content=takes_table(work))
-        put(self.folder, visible=bool(numbers))
 
 
 def takes_table(work: WorkSnapshot) -> str:

@@ -62,10 +62,12 @@ class SessionPanel(Panel):
     room: Room
 
     def build(self) -> None:
-        page, gui, display = self.page, self.gui, self.state.display
+        page, gui, display, stage = self.page, self.gui, self.state.display, self.stage
         session = page.state.session
-        cameras = tuple(card.name for card in session.cameras)
-        self.sheet = gui.add_html("", visible=False)
+        names = [card.name for card in session.cameras]
+        self.views = {FREE: None, **dict(zip(names, names, strict=True)), TOGETHER: ALL}
+        """by their words"""
+        self.sheet = page.offer(gui.add_html(""), lambda: display.images)
         self.mode = page.choice(
             "Model style", _MODE_WORDS, partial(page.draw, "mode"),
             "Surface: used for point-cloud fitting; during playback the ellipsoids are shown instead.",
@@ -75,7 +77,7 @@ class SessionPanel(Panel):
         with gui.add_folder("Cameras"):
             self.through = gui.add_dropdown(
                 "Camera view",
-                (FREE, *cameras, TOGETHER),
+                tuple(self.views),
                 initial_value=FREE,
                 hint=self.page.phrase(
                     "See the {kind} over a camera's image, or all cameras' images of the {kind} side by side."
@@ -105,14 +107,14 @@ class SessionPanel(Panel):
             by_page=True,
         )  # fmt: skip
         leave_button(page)
-        self._look_by_keys(cameras)
-        page.own(self.through, self._look)
+        self._look_by_keys(names)
+        page.own(self.through, lambda client, chosen: stage.look(self.views[chosen], client))
         page.own(self.paint, self._paint)
         page.own(
             self.view, lambda client, what: self._show_look(None, client, what == "Everything")
         )
 
-    def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
+    def _look_by_keys(self, cameras: list[str]) -> None:
         views = [(f"Camera view: {name}", str(i), name) for i, name in enumerate(cameras[:9], 1)]
         more = ("Orbit view", "0", None), ("See the {kind} in all cameras", "B", ALL)
         for words, key, camera in (*views, *more):
@@ -121,16 +123,11 @@ class SessionPanel(Panel):
 
     def show_pictures(self, made: PictureSnapshot) -> None:
         """Show what the cameras see, side by side."""
-        wanted = self.state.display.images
-        if wanted and made.thumbnails:
+        if made.thumbnails:
             put(self.sheet, content=sheet(made.frame, made.thumbnails))
-        put(self.sheet, visible=wanted)
-
-    def _look(self, client: Client, chosen: str) -> None:
-        self.stage.look({FREE: None, TOGETHER: ALL}.get(chosen, chosen), client)
 
     def _show_look(self, camera: str | None, client: Client, everything: bool = False) -> None:
-        word = {None: FREE, ALL: TOGETHER}.get(camera, str(camera))
+        word = next(word for word, one in self.views.items() if one == camera)
         internals.show_value(client.handle, self.through, word)
         self.stage.look(camera, client, everything)
 
@@ -283,9 +280,9 @@ def add_zoom_keys(page: Page, looking: Looking) -> None:
     acts: dict[str, Callable[[Client], None]] = {}
     for label, key, words, act in (
         (phrase("{Kind}"), "C", "View: the {kind}, and back into the camera", looking.to_hand),
-        ("In", "Z", "View: nearer", lambda client: looking.zoom_by(client, _STEP)),
-        ("Out", "X", "View: wider", lambda client: looking.zoom_by(client, 1 / _STEP)),
-        ("All", "V", "View: the whole image", looking.fit),
+        ("In", "Z", "View: nearer", partial(looking.zoom_by, factor=_STEP)),
+        ("Out", "X", "View: wider", partial(looking.zoom_by, factor=1 / _STEP)),
+        ("All", "V", "View: the whole image", partial(looking.zoom_by, factor=0.0)),
     ):
         page.key(words, key, act, by_page=True)
         acts[label] = act

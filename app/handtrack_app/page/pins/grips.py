@@ -23,7 +23,7 @@ from handtrack.geometry.rotation import (
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Client, Page, put
 from handtrack_app.page.scene.model_view import add_batch, ball, unturned
-from handtrack_app.page.scene.zoom import Pixel, ray_pixel, window_camera
+from handtrack_app.page.scene.zoom import ray_pixel, window_camera
 from handtrack_app.protocol.palette import CONTRADICTED, PIN
 from handtrack_app.protocol.snapshots import (
     BEFORE,
@@ -223,38 +223,19 @@ def hold_at(
     at: Floats[D3],
 ) -> Hold | None:
     """Return what is held where a pointer meets an ellipsoid at a point, world [m]; None for what is not of this pose."""
-    pixel = ray_pixel(card, at - card.centre)
+    pixel, near_m = ray_pixel(card, at - card.centre), near_joint_m(session)
     if pixel is None:
         return None
-    near = near_joint_m(session) * float(card.pixels_per_m(card.to_camera(at)[2]))
-    joint = _nearest_joint(session, pose, card, pixel, at, near)
-    if joint is not None:
-        return Hold(joint=joint)
+    off_px = np.linalg.norm(card.project(pose.joints) - pixel, axis=1)
+    away_m = np.linalg.norm(pose.joints - at, axis=1)
+    off_px = np.where(np.isfinite(off_px) & (away_m <= BEHIND * near_m), off_px, np.inf)
+    nearest = int(off_px.argmin())
+    if off_px[nearest] < near_m * float(card.pixels_per_m_at(at)):
+        return Hold(joint=session.joint_names[nearest])
     bone = int(session.ellipsoid_bone[ellipsoid])
-    x, y, z = (
-        float(v) for v in pose.bone_rotation[bone].T @ (_on_ellipsoid(session, pose, card, ellipsoid, at) - pose.bone_position[bone])
-    )  # fmt: skip
+    place = _on_ellipsoid(session, pose, card, ellipsoid, at) - pose.bone_position[bone]
+    x, y, z = (pose.bone_rotation[bone].T @ place).tolist()
     return Hold(bone=session.bone_names[bone], point=(x, y, z))
-
-
-def _nearest_joint(
-    session: SessionSnapshot,
-    pose: PoseSnapshot,
-    card: Camera,
-    pixel: Pixel,
-    at: Floats[D3],
-    near_px: float,
-) -> str | None:
-    """Return the joint that lies nearest to a pixel, within so many; not one that lies far behind what is pointed at."""
-    best, nearest = near_px, None
-    for name, place in zip(session.joint_names, pose.joints, strict=True):
-        observed = ray_pixel(card, place - card.centre)
-        if observed is None or float(np.linalg.norm(place - at)) > BEHIND * near_joint_m(session):
-            continue
-        off = float(np.hypot(observed[0] - pixel[0], observed[1] - pixel[1]))
-        if off < best:
-            best, nearest = off, name
-    return nearest
 
 
 def _on_ellipsoid(

@@ -24,8 +24,8 @@ from handtrack_app.page.scene.camera_view import Moments
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
 from handtrack_app.page.scene.zoom import (
     MOST,
+    Box,
     Pixel,
-    Place,
     Zoom,
     around,
     box_of,
@@ -120,10 +120,10 @@ class Looking:
     def pictures(self, field: bool) -> tuple[Picture, ...]:
         """Return the pictures that the pages show. field: the model's field in place of what is painted else."""
         clients = self._page.clients
-        chosen = [_picture(one, field) for one in clients]
+        chosen = [shown for one in clients if (shown := _picture(one, field)) is not None]
         if any(one.through == ALL for one in clients):
             chosen += [(camera, CLOSE) for camera in self._cards]
-        return tuple(dict.fromkeys(one for one in chosen if one is not None))
+        return tuple(dict.fromkeys(chosen))
 
     def _add_close_ups(self, client: Client) -> None:
         """Show a page all cameras."""
@@ -196,11 +196,13 @@ class Looking:
             await self._dragged(client, event)
 
     async def _dragged(self, client: Client, event: Dragged) -> None:
-        """Move the picture under the pointer."""
-        if (card := self.card(client)) is not None:
-            pixel = ray_pixel(card, np.asarray(event.start_position) - card.centre)
-            if pixel is not None:
-                self.drag(client, pixel, event.end_screen_pos)
+        """Move the picture under the pointer: what is held comes to its place in the window."""
+        card, place = self.card(client), event.end_screen_pos
+        held = card and ray_pixel(card, np.asarray(event.start_position) - card.centre)
+        if held is not None:
+            self._change(
+                client, lambda view: with_pixel_at(view.card, view.zoom, view.aspect, held, place)
+            )
 
     def _report(self, client: Client, through: Floats[D3], phase: str) -> None:
         screen, card, pointed = client.screen, self.card(client), client.pointed
@@ -280,30 +282,20 @@ class Looking:
                 view = client.view
                 if view is None or view.left or not view.follows:
                     continue
-                wanted = self._at_hand(view)
-                if wanted is not None and not self._shows(view, wanted):
-                    view.zoom = wanted
+                box = box_of(view.card, points, radii)
+                if box is not None and not _shows(view, box):
+                    view.zoom = around(view.card, box, view.aspect)
                     self._stand(client, view)
 
     # ---- what keys and buttons do
 
     def zoom_by(self, client: Client, factor: float) -> None:
-        """Enlarge what is in the window's middle."""
+        """Enlarge what is in the window's middle; by 0: show the whole image."""
         self._change(client, lambda view: enlarged(view.card, view.zoom, factor))
-
-    def fit(self, client: Client) -> None:
-        """Show the whole image."""
-        self._change(client, lambda view: whole(view.card))
 
     def to_hand(self, client: Client) -> None:
         """Show the hand, and follow it."""
         self._change(client, lambda view: self._at_hand(view) or whole(view.card), follows=True)
-
-    def drag(self, client: Client, held: Pixel, place: Place) -> None:
-        """Turn so that a pixel that is held is at a place of the window."""
-        self._change(
-            client, lambda view: with_pixel_at(view.card, view.zoom, view.aspect, held, place)
-        )
 
     def _change(
         self,
@@ -393,19 +385,16 @@ class Looking:
         box = None if self._hand is None else box_of(view.card, *self._hand)
         return None if box is None else around(view.card, box, view.aspect)
 
-    def _shows(self, view: CameraView, wanted: Zoom) -> bool:
-        """Return whether the hand is seen whole, and not much smaller than it could be."""
-        box = None if self._hand is None else box_of(view.card, *self._hand)
-        if box is None:
-            return True
-        x, y, width, height = box
-        views = view.eye
-        for corner in ((x, y), (x + width, y + height)):
-            inside = np.clip(corner, 0.0, np.array(view.card.size) - 1.0)
-            place = ray_pixel(views, view.card.rays(inside))
-            if place is None or not all(_INSIDE <= share <= 1 - _INSIDE for share in place):
-                return False
-        return 0.5 < view.zoom.times / wanted.times < 2.0
+
+def _shows(view: CameraView, box: Box) -> bool:
+    """Return whether a box of the image is seen whole, and not much smaller than it could be."""
+    x, y, width, height = box
+    for corner in ((x, y), (x + width, y + height)):
+        inside = np.clip(corner, 0.0, np.array(view.card.size) - 1.0)
+        place = ray_pixel(view.eye, view.card.rays(inside))
+        if place is None or not all(_INSIDE <= share <= 1 - _INSIDE for share in place):
+            return False
+    return 0.5 < view.zoom.times / around(view.card, box, view.aspect).times < 2.0
 
 
 def _picture(client: Client, field: bool) -> Picture | None:

@@ -67,7 +67,6 @@ class Stage:
         self._surface_at: tuple[int, int, str] | None = None
         self.moments = Moments()
         self.take_guess: Callable[[int], None] = lambda rank: None
-        self.stopped_painting: Callable[[], None] = lambda: None
         self.score: ScoreSnapshot | None = None
         self.cameras = CameraRig(server, "/cameras", session)
         self.cameras.size(pose.middle)
@@ -276,8 +275,6 @@ class Stage:
         """Let a page look through a camera, or freely (None) at the hand or at everything, or at what `ALL` cameras see."""
         self._end_mark(client)
         self.looking.hush(client)
-        if not any(one.pointed for one in self.page.clients):
-            self.stopped_painting()
         self.looking.set_through(client, camera)
         if camera is None:
             view = hand_view(self.session, self.pose.middle, everything)
