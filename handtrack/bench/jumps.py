@@ -112,8 +112,8 @@ def leaves_one_by_one(
     start, centre = places[first].tolist(), camera.centre.tolist()
     directions = camera.rays(camera.project(places))[ends].tolist()
     hinges = [chain.hinges(link) for link in range(len(directions))]
-    axes = [chain.turns.axes[own].tolist() for own in hinges]
-    interval = [chain.turns.interval[own].tolist() for own in hinges]
+    axes = [chain.axes[own].tolist() for own in hinges]
+    interval = [chain.interval[own].tolist() for own in hinges]
     leaves = []
     for sides in itertools.product((-1.0, 1.0), repeat=len(directions)):
         frame, joint, angles = carrier, start, []

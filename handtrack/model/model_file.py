@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
-from importlib import import_module, resources
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Literal, NotRequired, TypedDict, TypeGuard
 
@@ -154,6 +153,7 @@ def _are_named(rows: Any) -> TypeGuard[Sequence[Mapping[str, Any]]]:
 
 MODELS = ("hand26", "glove9", "ball6", "body34", "body38")
 COUPLINGS = ("26", "21", "18")
+_SHIPPED = Path(__file__).parent / "definitions"
 _MM = 1e-3
 _FIXED: Narrowing = {"pairs": [], "at_deg": 90.0, "to": 1.0}
 
@@ -294,14 +294,12 @@ def scale_table(scale: HandScale) -> dict[str, Any]:
 
 @lru_cache(maxsize=8)
 def _read_definition(name: str) -> dict[str, Any]:
-    return _checked(_shipped(name) if name in MODELS else read_definition(Path(name)), name)
+    return _checked(read_definition(_file_of(name, Path())), name)
 
 
-def _shipped(name: str) -> dict[str, Any]:
-    file = resources.files("handtrack.model.definitions").joinpath(f"{name}.toml")
-    table = tomllib.loads(file.read_text(encoding="utf-8"))
-    base = table.pop("extends", None)
-    return table if base is None else extended(_shipped(base), table)
+def _file_of(name: str, folder: Path) -> Path:
+    """Return the file of a model by its name, or by its path in a folder."""
+    return _SHIPPED / f"{name}.toml" if name in MODELS else folder / name
 
 
 def read_definition(path: Path, within: tuple[Path, ...] = ()) -> dict[str, Any]:
@@ -320,14 +318,14 @@ def read_definition(path: Path, within: tuple[Path, ...] = ()) -> dict[str, Any]
     if path.is_file() and path.suffix.lower() == ".toml":
         table = read_toml(path, "a model's definition")
         base, here = table.pop("extends", None), (*within, path.resolve())
-        if base is None or base in MODELS:
-            return table if base is None else extended(_shipped(base), table)
-        if not isinstance(base, str) or (path.parent / base).resolve() in here:
+        if base is None:
+            return table
+        if not isinstance(base, str) or _file_of(base, path.parent).resolve() in here:
             raise HandtrackError(
                 f"{path}: extends = {base!r}: expected one of {', '.join(MODELS)}, or the path of another definition that does "
                 "not extend this one."
             )
-        return extended(read_definition(path.parent / base, here), table)
+        return extended(read_definition(_file_of(base, path.parent), here), table)
     if path.is_file() and path.suffix.lower() in OTHERS:
         return read_other(path)
     raise HandtrackError(

@@ -7,10 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, C, Floats, Ints, J, K, L, M, P, array_dataclass, indices
+from handtrack.arrays import D2, D3, Array, C, Floats, Ints, J, K, L, M, P, array_dataclass, indices
 from handtrack.errors import HandtrackError, check_name, index_of
 from handtrack.model.articulated import FINGERS, ArticulatedModel, keypoint_names
-from handtrack.sampling.limb_ik_kernels import Turns
 
 _SAME_POINT_M = 1e-9
 _HELD = -1
@@ -38,7 +37,14 @@ class Chain:
     """its rotation at the zero pose"""
     columns: Ints[K]
     """joint parameter of each hinge"""
-    turns: Turns
+    axes: Floats[K, D3]
+    """of the hinges at the zero pose, world"""
+    leader: Ints[K]
+    """the hinge that this one follows; itself when free; −1 when it keeps its angle"""
+    ratio: Floats[K]
+    """to the leader's angle"""
+    interval: Floats[K, D2]
+    """limits [rad]"""
     link: Ints[K]
     """the link that a hinge moves; −1: it moves the first joint or other limbs and is left alone; L: it moves no
     joint of the chain"""
@@ -127,7 +133,10 @@ def chain_along(model: ArticulatedModel, name: str, joints: Sequence[str]) -> Ch
         carrier=carrier,
         carrier_zero=zero.rotation[carrier],
         columns=columns,
-        turns=Turns(axes, leader, ratio, model.limits.interval[columns]),
+        axes=axes,
+        leader=leader,
+        ratio=ratio,
+        interval=model.limits.interval[columns],
         link=link,
         reach=np.diff(points[places], axis=0),
     )

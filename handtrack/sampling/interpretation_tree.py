@@ -99,12 +99,12 @@ def _chain_leaves(
     bones = bone_poses(model.skeleton, joint)
     turn = bones.rotation[[chain.carrier]] @ chain.carrier_zero.T
     for h in chain.hinges(-1):  # these move the first joint: they stay as they are
-        turn = turn @ rotation_matrix(given[:, h, None] * chain.turns.axes[h])
+        turn = turn @ rotation_matrix(given[:, h, None] * chain.axes[h])
     first, *seen = indices(model.joint_names, chain.joints)
     end = bones.to_world(model.joint_bone[first], model.joint_point[first])[None]
     spare = given
     if rng is not None:
-        low, high = np.clip(chain.turns.interval.T, -np.pi, np.pi)
+        low, high = np.clip(chain.interval.T, -np.pi, np.pi)
         spare = rng.uniform(low, high, size=spare.shape)
     # of each branch: which of the two depths each link's end took, and whether all are on their rays, within limits
     angles, choice, exact = given, np.empty((1, 0), np.int8), np.ones(1, bool)
@@ -116,7 +116,7 @@ def _chain_leaves(
         targets, missed = np.empty((len(end), 2, 3)), np.empty((len(end), 2), np.int8)
         pierce(end, centre, rays[joint_seen], length, targets, missed, take_nearest)
         turn, end, angles, parent, which, miss = grow(
-            chain.turns,
+            (chain.axes, chain.leader, chain.ratio, chain.interval),
             (begin, begin + len(hinges)),
             reach,
             (turn, end, angles, np.repeat(spare, len(end), axis=0)),

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from handtrack.arrays import D2, D3, Floats, Ints, K
 from handtrack.compiled import compiled
 
 TOUCHING = 1e-12  # relative to the squared length: a ray or a circle that touches within rounding
@@ -14,19 +11,6 @@ PARALLEL = (
     1e-7  # sine between a direction and an axis below which the turn about it is not determined
 )
 LIMIT_SLACK = 1e-9  # [rad] beyond a limit that is rounding
-
-
-class Turns(NamedTuple):
-    """A chain's hinges in kinematic order, K of them, at the zero pose."""
-
-    axes: Floats[K, D3]
-    """world"""
-    leader: Ints[K]
-    """the hinge that this one follows; itself when free; −1 when it keeps its angle"""
-    ratio: Floats[K]
-    """to the leader's angle"""
-    interval: Floats[K, D2]
-    """limits [rad]"""
 
 
 @compiled
@@ -165,6 +149,8 @@ def grow(turns, own, reach, leaves, aims, take_nearest, tolerance):  # pragma: n
 
     Parameters
     ----------
+    turns
+        Axes, leader, ratio and interval of all hinges, as a Chain has them.
     own
         Its hinges, first … last − 1.
     leaves
@@ -206,7 +192,7 @@ def grow(turns, own, reach, leaves, aims, take_nearest, tolerance):  # pragma: n
                 beyond[s] = _set_angles(
                     turns, own, found[s], free[:frees], spare[n], angles[n], trial[s]
                 )
-                _turn_link(rotation[n], turns.axes, own, trial[s], frame[s])
+                _turn_link(rotation[n], turns[0], own, trial[s], frame[s])
                 squared = 0.0
                 for i in range(3):
                     end[s, i] = start[n, i] + _dot(frame[s, i], reach)

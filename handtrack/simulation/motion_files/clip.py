@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -82,21 +82,24 @@ def read_bvh(path: Path, positions: str | None = None, unit_m: float = 0.01) -> 
     width = sum(len(joint.channels) for joint in joints)
     frames, step = _motion(lines, after, width, path)
     positions = positions or _meaning(joints, frames, path)
-    rotation: list[Floats] = []
-    place: list[Floats] = []
-    for joint in joints:
-        turn, move = _local(joint, frames, positions)
-        if joint.parent < 0:
-            rotation.append(turn)
-            place.append(move)
-        else:
-            above = rotation[joint.parent]
-            rotation.append(above @ turn)
-            place.append(place[joint.parent] + np.einsum("fij,fj->fi", above, move))
+    places, turns = _placed([(one.parent, *_local(one, frames, positions)) for one in joints])
     known = [i for i, one in enumerate(joints) if one.offset.any() or not one.name.endswith("_end")]
     names = tuple(joints[i].name for i in known)
-    places, turns = (np.stack([one[i] for i in known], axis=1) for one in (place, rotation))
-    return MotionClip(names, places * unit_m, 1.0 / step, turns)
+    return MotionClip(names, places[:, known] * unit_m, 1.0 / step, turns[:, known])
+
+
+def _placed(
+    joints: Sequence[tuple[int, Floats[F, D3, D3], Floats[F, D3]]],
+) -> tuple[Floats[F, J, D3], Floats[F, J, D3, D3]]:
+    """Return where joints are, and their turns, from the parent of each (−1 of a root), its turn and its place in that one; parents first."""
+    turns, places = list[Floats](), list[Floats]()
+    for parent, turn, place in joints:
+        if parent >= 0:
+            above = turns[parent]
+            turn, place = above @ turn, places[parent] + np.einsum("fij,fj->fi", above, place)
+        turns.append(turn)
+        places.append(place)
+    return np.stack(places, axis=1), np.stack(turns, axis=1)
 
 
 def _meaning(joints: list[BvhJoint], frames: Floats, path: Path) -> str:
@@ -201,19 +204,17 @@ def read_asf_amc(skeleton: Path, motion: Path, fps: float = FPS) -> MotionClip:
     frames = _frames(motion, bones, skeleton)
     count = len(frames)
     root = np.array([frame["root"] for frame in frames]).reshape(count, 6)
-    rotation = {"root": _turn(root[:, 3:])}
-    end = {"root": root[:, :3]}
-    for name, bone in bones.items():
-        if name == "root":
-            continue
-        angles, above = np.zeros((count, 3)), bone["parent"]
+    names = ("root", *(name for name in bones if name != "root"))
+    joints = [(-1, _turn(root[:, 3:]), root[:, :3])]
+    for name in names[1:]:
+        bone, angles = bones[name], np.zeros((count, 3))
         for i, freedom in enumerate(bone["dof"]):
             angles[:, _FREEDOMS.index(freedom)] = [frame[name][i] for frame in frames]
         c = _turn(bone["axis"][None])[0]
-        rotation[name] = rotation[above] @ c @ _turn(angles) @ c.T
-        end[name] = end[above] + rotation[name] @ (bone["direction"] * bone["length"])
-    names = tuple(end)
-    return MotionClip(names, np.stack([end[name] for name in names], axis=1) * unit, fps)
+        turn = c @ _turn(angles) @ c.T
+        end = turn @ (bone["direction"] * bone["length"])
+        joints.append((names.index(bone["parent"]), turn, end))
+    return MotionClip(names, _placed(joints)[0] * unit, fps)
 
 
 def _turn(angles_deg: Floats) -> Floats:

@@ -20,7 +20,6 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.chains import Chain, chain_votes, chains_of
 from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
-from handtrack.sampling.suppression import distinct
 from handtrack.solver.covariance import covariance
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
@@ -30,7 +29,7 @@ from handtrack.tracking.frame.descent import by_keypoints_alone, minima
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.motion_belief import MotionBelief, unknown_speed
-from handtrack.tracking.search.engine import Candidate
+from handtrack.tracking.search.engine import Candidate, differing
 
 _COARSE = 10.0  # times sigma, of a first frame's joints: a wide basin
 _MEMORY_FRAMES = 10.0  # over about so many frames a belief remembers, so each counts this share of the static priors
@@ -156,9 +155,7 @@ class MixtureObjective(FrameTask):
         ]
 
     def distinct(self, candidates: Sequence[Start], most: int) -> list[Start]:
-        params = np.array([c.params for c in candidates])
-        rows = distinct(params, np.array([c.cost for c in candidates]), np.deg2rad(MERGE_DEG))
-        return [candidates[row] for row in rows[:most]]
+        return differing(candidates, most, np.deg2rad(MERGE_DEG))
 
     def coarse_headings(self, found: Sequence[Start], most: int) -> list[Start]:
         """Propose the start at headings all around the root's y axis, with image joints of ten times the standard deviation."""
@@ -181,9 +178,8 @@ class MixtureObjective(FrameTask):
             return []
         mixture, starts = self.settings.mixture, list[Floats]()
         latest = [c for c in found if c.source is found[-1].source]
-        params, costs = np.array([c.params for c in latest]), np.array([c.cost for c in latest])
-        for row in distinct(params, costs)[:most]:
-            here, normal = params[row], latest[row].normal
+        for best in differing(latest, most):
+            here, normal = best.params, best.normal
             assert normal is not None
             leaves = interpretation_tree(
                 self.model, here, self.chains, *self.reference, True, self.rng

@@ -15,6 +15,7 @@ import numpy as np
 from handtrack.arrays import D3, D21, Floats, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.parallel import in_parallel
+from handtrack.sampling.suppression import MERGED_RAD, distinct
 from handtrack.tracking.frame.control import Control, Search, SearchReport, Tried
 from handtrack.tracking.frame.result import FrameResult, Step
 from handtrack.tracking.search.scores.hand_shapes import HandShape
@@ -66,6 +67,13 @@ class Objective(Protocol[C]):
     def distinct(self, candidates: Sequence[C], most: int) -> list[C]:
         """Return the best, at most so many, each pose once, by rising cost."""
         ...
+
+
+def differing(candidates: Sequence[C], most: int, least_rad: float = MERGED_RAD) -> list[C]:
+    """Return the best, at most so many, by rising cost: none whose angles are nearer to a better one's, root mean square."""
+    params = np.array([c.params for c in candidates])
+    rows = distinct(params, np.array([c.cost for c in candidates]), least_rad)
+    return [candidates[row] for row in rows[:most]]
 
 
 def each(fit: Callable[[Any, C, int], C]) -> Callable[[Any, Sequence[C], int], list[C]]:

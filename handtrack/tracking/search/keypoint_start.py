@@ -19,11 +19,10 @@ from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.chains import chains_of
 from handtrack.sampling.interpretation_tree import chain_flips
 from handtrack.sampling.polish import polish
-from handtrack.sampling.suppression import distinct
 from handtrack.terms.loss import geman_mcclure
 from handtrack.tracking.frame.control import Control, Round, Search
 from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
-from handtrack.tracking.search.engine import Candidate, run_rounds
+from handtrack.tracking.search.engine import Candidate, differing, run_rounds
 from handtrack.tracking.search.initialize import FEWEST
 from handtrack.tracking.search.start_confidence import model_length
 
@@ -114,9 +113,7 @@ class ImageJointObjective:
         return max(self.keypoints, key=_joint_count)
 
     def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
-        params = np.array([c.params for c in candidates])
-        rows = distinct(params, np.array([c.cost for c in candidates]), _SIMILAR_RAD)
-        return [candidates[row] for row in rows[:most]]
+        return differing(candidates, most, _SIMILAR_RAD)
 
 
 def rotations_of_four_postures(
