@@ -47,11 +47,8 @@ def bone_masses(
 
 def _inertia(masses: Floats[N], centres: Floats[N, D3], radii: Floats[N, D3]) -> Floats[D3, D3]:
     """Return the inertia (3, 3) of balls in the place of ellipsoids about their common centre [kg m²]."""
-    total = np.zeros((3, 3))
-    for mass, centre, radius in zip(masses, centres, radii, strict=True):
-        ball = 0.4 * float((radius**2).mean()) + centre @ centre
-        total += mass * (ball * np.eye(3) - np.outer(centre, centre))
-    return total
+    balls = 0.4 * (radii**2).mean(axis=1) + (centres**2).sum(axis=1)
+    return masses @ balls * np.eye(3) - (masses[:, None] * centres).T @ centres
 
 
 # ---- XML as text, with numbers in one form: what URDF and OpenSim files are made of
@@ -170,8 +167,12 @@ def _urdf_joint(
     joint = element(robot, "joint", name=name, type=kind)
     element(joint, "parent", link=above)
     element(joint, "child", link=below)
-    element(joint, "origin", xyz=numbers(place), rpy=numbers(euler_angles(turn, "xyz")))
+    _origin(joint, place, turn)
     return joint
+
+
+def _origin(parent: Element, place: Floats[D3], turn: Floats[D3, D3] = np.eye(3)) -> None:
+    element(parent, "origin", xyz=numbers(place), rpy=numbers(euler_angles(turn, "xyz")))
 
 
 def _link(robot: Element, model: ArticulatedModel, bone: int) -> Element:
@@ -184,12 +185,7 @@ def _link(robot: Element, model: ArticulatedModel, bone: int) -> Element:
             ellipsoids.rotation[k], 2 - long, axis=1
         )  # the longest axis as z, still right-handed
         across = np.sqrt(ellipsoids.radii[k].prod() / ellipsoids.radii[k, long])
-        element(
-            shape,
-            "origin",
-            xyz=numbers(ellipsoids.centre[k]),
-            rpy=numbers(euler_angles(axes, "xyz")),
-        )
+        _origin(shape, ellipsoids.centre[k], axes)
         # as long and thick as to have the ellipsoid's volume: 4/3 π abc = π r² · 4/3 a
         length = 4.0 / 3.0 * ellipsoids.radii[k, long]
         element(
@@ -201,7 +197,7 @@ def _link(robot: Element, model: ArticulatedModel, bone: int) -> Element:
 def _weigh(link: Element, mass: float, centre: Floats[D3], inertia: Floats[D3, D3]) -> None:
     """Say what a link weighs [kg], where [m], and its inertia about that point [kg m²]."""
     table = element(link, "inertial")
-    element(table, "origin", xyz=numbers(centre), rpy="0 0 0")
+    _origin(table, centre)
     element(table, "mass", value=f"{mass:.6g}")
     rows, columns = np.triu_indices(3)
     named = {f"i{'xyz'[i]}{'xyz'[j]}": f"{inertia[i, j]:.6g}" for i, j in zip(rows, columns)}
@@ -288,10 +284,14 @@ def _body(bodies: Element, model: ArticulatedModel, bone: int) -> Element:
         element(shape, "socket_frame", "..")
         element(element(shape, "Appearance"), "color", "0.85 0.7 0.6")
         element(shape, "radii", numbers(ellipsoids.radii[k]))
-        element(frame, "socket_parent", "..")
-        element(frame, "translation", numbers(ellipsoids.centre[k]))
-        element(frame, "orientation", numbers(euler_angles(ellipsoids.rotation[k], "XYZ")))
+        _placed(frame, "..", ellipsoids.centre[k], ellipsoids.rotation[k])
     return body
+
+
+def _placed(frame: Element, above: str, place: Floats[D3], turn: Floats[D3, D3]) -> None:
+    element(frame, "socket_parent", above)
+    element(frame, "translation", numbers(place))
+    element(frame, "orientation", numbers(euler_angles(turn, "XYZ")))
 
 
 def _osim_joint(joints: Element, model: ArticulatedModel, bone: int) -> None:
@@ -306,31 +306,28 @@ def _osim_joint(joints: Element, model: ArticulatedModel, bone: int) -> None:
     coordinates = element(joint, "coordinates") if moves else joint
     frames = element(joint, "frames")
     frame = element(frames, "PhysicalOffsetFrame", name=f"{above}_before_{names[bone]}")
-    element(frame, "socket_parent", "/ground" if parent < 0 else f"/bodyset/{above}")
-    element(frame, "translation", numbers(skeleton.offset[bone]))
-    element(frame, "orientation", numbers(euler_angles(skeleton.rest_rotation[bone], "XYZ")))
+    base = "/ground" if parent < 0 else f"/bodyset/{above}"
+    _placed(frame, base, skeleton.offset[bone], skeleton.rest_rotation[bone])
     if not moves:
         return
     if bone == 0:
-        turning, moving = list(ROOT_TURNS), list(model.parameter_names[:3])
-        axes = np.eye(3)
-        limits = np.concatenate(
-            [np.tile((-2 * np.pi, 2 * np.pi), (3, 1)), np.tile((-10.0, 10.0), (3, 1))]
-        )
+        turning, moving = [*ROOT_TURNS], [*model.parameter_names[:3]]
+        axes, limits = np.eye(3), np.repeat([[-2 * np.pi, 2 * np.pi], [-10.0, 10.0]], 3, axis=0)
     else:
         turning, moving = [model.parameter_names[6 + h] for h in hinges], []
         axes, limits = skeleton.hinge_axis[hinges], model.limits.interval[6 + hinges]
-    for name, (low, high) in zip(turning + moving, limits, strict=True):
+    for name, interval in zip(turning + moving, limits, strict=True):
         coordinate = element(coordinates, "Coordinate", name=name)
         element(coordinate, "default_value", "0")
-        element(coordinate, "range", numbers(np.array([low, high])))
+        element(coordinate, "range", numbers(interval))
         element(coordinate, "clamped", "false")
     transform = element(joint, "SpatialTransform")
-    turning, axes = turning + [""] * (3 - len(turning)), _three_axes(axes)
-    for k in range(3):
-        _axis(transform, f"rotation{k + 1}", turning[k], axes[k])
-    for k in range(3):
-        _axis(transform, f"translation{k + 1}", moving[k] if moving else "", np.eye(3)[k])
+    for kind, names, along in (
+        ("rotation", turning, _three_axes(axes)),
+        ("translation", moving, np.eye(3)),
+    ):
+        for k, name in enumerate([*names, "", "", ""][:3]):
+            _axis(transform, f"{kind}{k + 1}", name, along[k])
 
 
 def _axis(transform: Element, name: str, coordinate: str, axis: Floats[D3]) -> None:
