@@ -9,9 +9,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from handtrack.arrays import D3, Axes, B, Floats, K, N
-from handtrack.export.motion.trc import marker_name
+from handtrack.export.motion.motion_files import marker_name
 from handtrack.export.table import ResultsTable
-from handtrack.export.tables.csv_tables import beside, number, write_rows
+from handtrack.export.tables.tables_and_arrays import beside, number, write_rows
 from handtrack.files.atomic import replace_text
 from handtrack.geometry.rotation import euler_angles, quaternion_wxyz
 from handtrack.model.articulated import ArticulatedModel
