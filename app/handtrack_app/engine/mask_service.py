@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 
-import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Bytes, Floats, H, N, W
+from handtrack.arrays import D2, Floats, N
 from handtrack.capture.masks.mask_correction import (
     AS_IT_IS,
     BACKGROUND,
@@ -20,77 +19,21 @@ from handtrack.capture.masks.mask_correction import (
 )
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 from handtrack.capture.masks.segmentation import METHODS, mask_method_table
-from handtrack.diagnostics.residuals import mask_picture
 from handtrack.errors import HandtrackError
-from handtrack.session.session import Session
 from handtrack.session.session_state import Correction, Edit, MaskSource, decide
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import View
 from handtrack_app.engine.document import source_of, usual_values
 from handtrack_app.engine.document_snapshots import possible_masks
 from handtrack_app.engine.jobs import BackgroundJob
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
-from handtrack_app.engine.service import FramePictures, Service
+from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
     FILES,
     NO_MASKS,
-    MaskPicture,
     Notice,
 )
-
-_CORRECTED = (86, 180, 233)
-"""around what was corrected"""
-
-
-def masks_picture(
-    maker: CameraPictures, session: Session, frame: int, on_all: bool, looked_at: tuple[str, ...]
-) -> MaskPicture:
-    """Return a frame's masks over the images: over all cameras' small pictures, and over the large ones of cameras that are looked at.
-
-    What cannot be made of a camera is told, and the others are shown. On the render thread only.
-    """
-    maker.session = session
-    small: dict[str, Bytes] = {}
-    screens: dict[tuple[str, str], Bytes] = {}
-    corrected: dict[str, str] = {}
-    wrong: list[str] = []
-    for view in session.views:
-        if not on_all and view.name not in looked_at:
-            continue
-        try:
-            large = _painted(maker, view, frame)
-            corrected[view.name] = _words(view, frame)
-        except HandtrackError as error:
-            large = maker.plain(view.name, frame)
-            wrong.append(str(error))
-        if view.name in looked_at:
-            screens[view.name, "mask"] = large
-        if on_all:
-            small[view.name] = shrunk(large)
-    return MaskPicture(frame, small, screens, corrected, " ".join(wrong))
-
-
-def _painted(maker: CameraPictures, view: View, frame: int) -> Bytes[H, W, D3]:
-    image, silhouette = maker.plain(view.name, frame), view.silhouette(frame)
-    if silhouette is None:
-        return image
-    picture = mask_picture(image, silhouette)
-    own = view.own_frame(frame)
-    layer = None if own is None else view.corrections.layer(own)
-    if layer is not None:
-        marked = np.where(layer != AS_IT_IS, np.uint8(255), np.uint8(0))
-        straight = maker.straight(view.name, marked)
-        lines, _ = cv2.findContours(straight, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(picture, lines, -1, _CORRECTED, 1)
-    return picture
-
-
-def _words(view: View, frame: int) -> str:
-    frames, own = view.corrections.frames, view.own_frame(frame)
-    here = "corrected here" if own in frames else "not corrected here"
-    return f"{here}; {len(frames)} frame{'s' if len(frames) != 1 else ''} in all"
 
 
 def carry(
@@ -156,48 +99,8 @@ def _as_taken(view: View, points: Sequence[Sequence[float]]) -> Floats[N, D2]:
 _MOST_CARRIED = 50  # frames each way; what is carried drifts
 
 
-class MaskService(Service, FramePictures):
+class MaskService(Service):
     """Masks."""
-
-    _on_all, _screens = False, tuple[str, ...]()
-
-    # ---- showing
-
-    @Command(view=True, latest=())
-    def want_masks(self, on: bool) -> None:
-        """Show masks over all cameras' images or not."""
-        self._on_all = on
-        self.show()
-
-    def want_screens(self, screens: tuple[tuple[str, str], ...]) -> None:
-        """Show the masks of these cameras whose large pictures are looked at."""
-        names = self.document.session.rig.names
-        wanted = (name for name, paint in screens if paint == "mask")
-        self._screens = tuple(name for name in wanted if name in names)
-        self.show()
-
-    @property
-    def is_wanted(self) -> bool:
-        """Whether the page looks at something."""
-        return self._on_all or bool(self._screens)
-
-    def _show(self, hurried: bool) -> None:
-        self.opened.render_thread.ask("masks", self._make())
-
-    def picture(self) -> MaskPicture | None:
-        """Return what the page wants of the frame shown; None where it wants nothing. Takes its time."""
-        if not self.is_wanted:
-            return None
-        made = self.opened.render_thread.wait_for("masks", self._make())
-        return made if isinstance(made, MaskPicture) else None
-
-    def _make(self) -> Callable[[], MaskPicture]:
-        document = self.document
-        return partial(
-            masks_picture, self.opened.painter.maker, document.session, document.frame, self._on_all, self._screens
-        )  # fmt: skip
-
-    # ---- changing
 
     @Command(edits=True, latest=("camera", "values"))
     def set_masks(self, camera: str, values: dict[str, object]) -> None:

@@ -82,17 +82,18 @@ class OpenSession:
         self.painter = Painter(document, publish, render_thread)
         self.render_thread, self.post = render_thread, post
         self.jobs = JobControl(self, recorder.show, compiles, self._live)
-        self._clouds, self._masks = CloudService(self), MaskService(self)
+        self._clouds = CloudService(self)
         self._tuning, self._review = TuningService(self), ReviewService(self)
-        self._pictures = (self.painter, self._clouds, self._masks)
+        self._pictures = (self.painter, self._clouds)
         parts = (
             self,
             self.jobs,
             PosingService(self),
             self._tuning,
             self._review,
+            self.painter,
             self._clouds,
-            self._masks,
+            MaskService(self),
         )
         self._commands = {
             name: getattr(part, name) for part in parts for name in commands_of(type(part))
@@ -187,16 +188,6 @@ class OpenSession:
             self.document.show(self.document.frame)
             self.show_all()
         return changed
-
-    @Command(view=True, latest=())
-    def want_pictures(
-        self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...] = ()
-    ) -> None:
-        """Show these pictures. paint: over the small ones: `plain`, `outline`, `residual` or `field`. screens: cameras whose pictures
-        stand behind the hand, each with what is painted over it.
-        """
-        self.painter.want(thumbnails, paint, screens)
-        self._masks.want_screens(screens)
 
     @Command(job=True)
     def record(self, on: bool, folder: str | None = None) -> None:
@@ -376,8 +367,8 @@ class OpenSession:
         """Publish the pose, and have its pictures made; of a frame that is played, with them."""
         pose = pose_snapshot(self.document)
         if is_played:
-            made = self.painter.picture(), self._masks.picture()
-            pose = replace(pose, beside=tuple(one for one in made if one is not None))
+            made = self.painter.picture()
+            pose = replace(pose, beside=() if made is None else (made,))
         self.publish(pose)
         self._score.since = time.monotonic()
         guesses = self.jobs.guesses.snapshot()
@@ -458,6 +449,13 @@ class OpenSession:
 
 
 COMMANDS = commands_of(
-    OpenSession, JobControl, PosingService, TuningService, ReviewService, CloudService, MaskService
+    OpenSession,
+    JobControl,
+    PosingService,
+    TuningService,
+    ReviewService,
+    Painter,
+    CloudService,
+    MaskService,
 )
 """what the page can call"""

@@ -27,37 +27,29 @@ from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, S
 from handtrack_app.rerun.recorder import LiveRecorder
 
 
-class Preview:
+class Preview(Painter):
     """Lives on the worker's thread. Calls besides these wait until the session is open."""
 
     def __init__(
         self, document: Document, publish: Callable[[Snapshot], None], thread: RenderThread
     ) -> None:
-        self.document, self._publish = document, publish
-        self._painter = Painter(document, publish, thread)
+        super().__init__(document, publish, thread)
         publish(session_snapshot(document))
         publish(timeline_snapshot(document))
 
     @Command()
     def show_frame(self, frame: int, is_played: bool = False) -> None:
         """Show a frame."""
-        self.document.show(frame)
-        self._publish(pose_snapshot(self.document))
-        self._painter.show()
+        self._document.show(frame)
+        self._publish(pose_snapshot(self._document))
+        self.show()
 
     @Command()
     def set_pose(self, frame: int, values: tuple[float, ...], version: int, **_: object) -> None:
         """Show a pose that is set by hand; the open session sets it."""
-        self.document.apply(pose(self.document, frame, values))
-        self.document.version = version
+        self._document.apply(pose(self._document, frame, values))
+        self._document.version = version
         self.show_frame(frame)
-
-    @Command()
-    def want_pictures(
-        self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...] = ()
-    ) -> None:
-        """Show these pictures; see OpenSession."""
-        self._painter.want(thumbnails, paint, screens)
 
 
 Opener = Callable[[Path], Document]

@@ -43,7 +43,6 @@ from handtrack_app.protocol.snapshots import (
     Download,
     GuessesSnapshot,
     LiveSnapshot,
-    MaskPicture,
     Notice,
     PictureSnapshot,
     PoseSnapshot,
@@ -158,11 +157,10 @@ class PageLayout:
             *(panel.fit for panel in (*panels, self.cloud, self.masks)),
             self._show_session,
         )
-        subscribe(PictureSnapshot, stage.show_pictures, self.session.show_pictures)
+        subscribe(PictureSnapshot, stage.show_pictures, self.session.show_pictures, self.masks.show)
         subscribe(SurfaceSnapshot, stage.show_surface)
         subscribe(CloudSnapshot, stage.show_cloud, self.cloud.show)
         subscribe(CloudPicture, self.cloud.show_picture)
-        subscribe(MaskPicture, stage.show_pictures, self.masks.show)
         subscribe(GuessesSnapshot, stage.show_guesses, self.guesses.show)
         subscribe(CurvesSnapshot, self.plots.show)
         subscribe(CloseSnapshot, self.review.show_pictures)

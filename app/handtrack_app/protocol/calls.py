@@ -184,6 +184,7 @@ if TYPE_CHECKING:  # the page's process has no use for what the engine imports
     from handtrack_app.engine.job_control import JobControl
     from handtrack_app.engine.mask_service import MaskService
     from handtrack_app.engine.open_session import OpenSession
+    from handtrack_app.engine.pictures.camera_pictures import Painter
     from handtrack_app.engine.pictures.cloud_service import CloudService
     from handtrack_app.engine.posing_service import PosingService
     from handtrack_app.engine.review_service import ReviewService
@@ -195,6 +196,7 @@ if TYPE_CHECKING:  # the page's process has no use for what the engine imports
         PosingService,
         TuningService,
         ReviewService,
+        Painter,
         CloudService,
         MaskService,
     ): ...

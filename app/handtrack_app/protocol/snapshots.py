@@ -70,16 +70,12 @@ class PictureSnapshot:
     thumbnails: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
     screens: dict[tuple[str, str], Bytes[H, W, D3]] = field(default_factory=dict)
     """large, by camera and what is painted over it"""
-
-
-@dataclass(frozen=True)
-class MaskPicture(PictureSnapshot):
-    """The cameras' masks, painted over their images."""
-
+    masks: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
+    """small, the masks painted over the images"""
     corrected: dict[str, str] = field(default_factory=dict)
-    """by camera, whether this frame is corrected and how many are, in words"""
-    words: str = ""
-    """what could not be made, and why"""
+    """by camera of which a mask was made: whether this frame is corrected and how many are, in words"""
+    problems: list[str] = field(default_factory=list)
+    """why masks could not be made"""
 
 
 # ---- The course of joint parameters
@@ -575,6 +571,6 @@ class Opened:
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
     | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture
-    | CurvesSnapshot | CloseSnapshot | ScoreSnapshot | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
+    | CurvesSnapshot | CloseSnapshot | ScoreSnapshot | GuessesSnapshot | LiveSnapshot | WorkSnapshot
     | Opened
 )  # fmt: skip

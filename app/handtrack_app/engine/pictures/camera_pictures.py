@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -10,13 +10,16 @@ import numpy as np
 
 from handtrack.arrays import D2, D3, Array, Axes, Bytes, Floats, H, N, W
 from handtrack.capture.clouds.stereo import REJECTED, RectifiedPair, StereoView
+from handtrack.capture.masks.mask_correction import AS_IT_IS
 from handtrack.diagnostics.residuals import (
     field_picture,
     joint_pairs,
     joints_picture,
+    mask_picture,
     outline_picture,
     residual_picture,
 )
+from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -24,8 +27,10 @@ from handtrack.observation.observation import Silhouette
 from handtrack.parallel import LRUCache
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.session.sources.views import View
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.service import FramePictures, RenderThread
+from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.palette import FILTERS, KEPT, REJECTS
 from handtrack_app.protocol.snapshots import PictureSnapshot, Snapshot
 
@@ -305,12 +310,16 @@ def _coloured(values: Array) -> Bytes:
 # ---- What the page wants to see of the cameras at the frame shown
 
 
+_MASKS_EVERY_S = 0.6  # while tracking runs: they may be made by a method
+
+
 class Painter(FramePictures):
     """The cameras' images with the model painted over them."""
 
     every_s = 0.08  # the hand itself comes first
     hurried_s = 0.25  # a picture takes its time from tracking (`bench as_if_live`)
-    _thumbnails, _paint, _screens = True, "plain", tuple[tuple[str, str], ...]()
+    _thumbnails, _masks, _paint = True, False, "plain"
+    _screens: tuple[tuple[str, str], ...] = ()
 
     def __init__(
         self, document: Document, publish: Callable[[Snapshot], None], thread: RenderThread
@@ -319,17 +328,27 @@ class Painter(FramePictures):
         self.maker = CameraPictures(document.session)
         """for the render thread alone"""
 
-    def want(self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...]) -> None:
-        """Paint these pictures from now on: small ones, and large ones of cameras, each with what is painted over it."""
+    @Command(view=True, latest=())
+    def want_pictures(
+        self,
+        thumbnails: bool,
+        paint: str,
+        screens: tuple[tuple[str, str], ...] = (),
+        masks: bool = False,
+    ) -> None:
+        """Show these pictures. paint: over the small ones: `plain`, `outline`, `residual` or `field`. screens: cameras whose pictures
+        stand behind the hand, each with what is painted over it. masks: of all cameras, too.
+        """
         names = self._document.session.rig.names
-        self._thumbnails, self._paint = thumbnails, paint
-        self._screens = tuple((n, over) for n, over in screens if n in names and over != "mask")
+        self._thumbnails, self._masks, self._paint = thumbnails, masks, paint
+        self._screens = tuple((name, over) for name, over in screens if name in names)
+        self.hurried_s = _MASKS_EVERY_S if masks else type(self).hurried_s
         self.show()
 
     @property
     def is_wanted(self) -> bool:
         """Whether the page looks at any."""
-        return self._thumbnails or bool(self._screens)
+        return self._thumbnails or self._masks or bool(self._screens)
 
     def _show(self, hurried: bool) -> None:
         self._thread.ask("pictures", self._make(self._publish))
@@ -345,7 +364,9 @@ class Painter(FramePictures):
         """Return what makes them on the render thread. publish: gets the large ones, which come first."""
         run, frame, maker = self._document.run, self._document.frame, self.maker
         bones = run.model.bones_within_limits(self._document.displayed)
-        small, over_small, screens = self._thumbnails, self._paint, self._screens
+        small, over_small, masks = self._thumbnails, self._paint, self._masks
+        screens = [one for one in self._screens if one[1] != "mask"]
+        masked = [name for name, over in self._screens if over == "mask"]
 
         def make() -> PictureSnapshot:
             session, made = run.session, PictureSnapshot(frame)
@@ -361,10 +382,11 @@ class Painter(FramePictures):
                 screen = maker.screen(camera, frame, over, ellipsoids, silhouette, aside)
                 screen = screen if joints is None else joints_picture(screen, joints)
                 made.screens[camera, over] = screen
-            if small and screens:
+            if screens and (small or masks or masked):
                 publish(PictureSnapshot(frame, screens=made.screens))
             for camera in session.rig.names if small else ():
                 made.thumbnails[camera] = maker.thumbnail(camera, frame, over_small, ellipsoids)
+            add_masks(made, maker, masks, masked)
             return made
 
         return make
@@ -377,3 +399,53 @@ def _joints(run: TrackingRun, camera: str, frame: int, bones: BonePoses) -> Floa
     observed = run.session.view(camera).keypoints(frame, sigma_px)
     pairs = [joint_pairs(joints, model.joint_names, places) for joints in observed]
     return np.concatenate([np.zeros((0, 2, 2)), *pairs])
+
+
+# ---- Masks over the images
+
+
+_CORRECTED = (86, 180, 233)
+"""around what was corrected"""
+
+
+def add_masks(
+    made: PictureSnapshot, maker: CameraPictures, on_all: bool, looked_at: Iterable[str]
+) -> None:
+    """Add a frame's masks over the images: small ones of all cameras, and large ones of those that are looked at.
+
+    What cannot be made of a camera is told, and the others are shown. On the render thread only.
+    """
+    for view in maker.session.views:
+        if not on_all and view.name not in looked_at:
+            continue
+        try:
+            large = _masked(maker, view, made.frame)
+            made.corrected[view.name] = _corrected_words(view, made.frame)
+        except HandtrackError as error:
+            large = maker.plain(view.name, made.frame)
+            made.problems.append(str(error))
+        if view.name in looked_at:
+            made.screens[view.name, "mask"] = large
+        if on_all:
+            made.masks[view.name] = shrunk(large)
+
+
+def _masked(maker: CameraPictures, view: View, frame: int) -> Bytes[H, W, D3]:
+    image, silhouette = maker.plain(view.name, frame), view.silhouette(frame)
+    if silhouette is None:
+        return image
+    picture = mask_picture(image, silhouette)
+    own = view.own_frame(frame)
+    layer = None if own is None else view.corrections.layer(own)
+    if layer is not None:
+        marked = np.where(layer != AS_IT_IS, np.uint8(255), np.uint8(0))
+        straight = maker.straight(view.name, marked)
+        lines, _ = cv2.findContours(straight, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(picture, lines, -1, _CORRECTED, 1)
+    return picture
+
+
+def _corrected_words(view: View, frame: int) -> str:
+    frames, own = view.corrections.frames, view.own_frame(frame)
+    here = "corrected here" if own in frames else "not corrected here"
+    return f"{here}; {len(frames)} frame{'s' if len(frames) != 1 else ''} in all"

@@ -15,7 +15,7 @@ from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.settings import TOLD, SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
-from handtrack_app.protocol.snapshots import MaskCameraCard, MaskPicture, SessionSnapshot
+from handtrack_app.protocol.snapshots import MaskCameraCard, PictureSnapshot, SessionSnapshot
 
 ALL = "all cameras"
 
@@ -125,12 +125,13 @@ class MaskPanel(Panel):
 
     # ---- snapshots
 
-    def show(self, masks: MaskPicture) -> None:
-        """Show the masks of a frame."""
-        if masks.thumbnails and self.state.display.masks:
-            put(self.sheet, content=sheet(masks.frame, masks.thumbnails))
-        self.wrong.content = escaped(masks.words)
-        self.correcting.show_corrections(masks.corrected)
+    def show(self, made: PictureSnapshot) -> None:
+        """Show the masks of a frame, where some were made."""
+        if made.masks and self.state.display.masks:
+            put(self.sheet, content=sheet(made.frame, made.masks))
+        if made.corrected or made.problems:
+            self.wrong.content = escaped(" ".join(made.problems))
+            self.correcting.show_corrections(made.corrected)
 
 
 # ---- The mask methods and their settings

@@ -41,7 +41,6 @@ from handtrack_app.protocol.snapshots import (
     CloudSelection,
     CloudSnapshot,
     GuessesSnapshot,
-    MaskPicture,
     PictureSnapshot,
     PoseSnapshot,
     ScoreSnapshot,
@@ -167,9 +166,13 @@ class Stage:
             display.cloud, display.cloud_picture, display.cloud_wide, display.stereo_pair, surface
         )
         return {
-            "want_pictures": (display.images, paint, self.looking.pictures(self.display.field)),
+            "want_pictures": (
+                display.images,
+                paint,
+                self.looking.pictures(self.display.field),
+                display.masks,
+            ),
             "want_cloud": (cloud,),
-            "want_masks": (display.masks,),
         }
 
     def _grasped(self, client: Client) -> Camera | None:
@@ -221,9 +224,9 @@ class Stage:
         if not self.moments.fits(pictures.frame):
             return
         display = self.page.state.display
-        wanted = display.images if isinstance(pictures, MaskPicture) else not display.masks
-        if wanted and pictures.thumbnails:
-            self.cameras.show_images(pictures.thumbnails, pictures.frame)
+        small = pictures.masks if display.masks else pictures.thumbnails
+        if display.images and small:
+            self.cameras.show_images(small, pictures.frame)
         self.looking.show(pictures.screens, pictures.frame)
 
     def clear_late(self) -> None:
