@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import MISSING, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,7 @@ from handtrack.session.session_state import (
     marked_frames,
 )
 from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
-from handtrack.session.sources.views import MaskChoice
+from handtrack.session.sources.views import MaskChoice, View
 from handtrack.session.takes import REFINED, files_read
 from handtrack.store.store import Span, Store
 from handtrack.store.take import CurrentTrack, TakeFrames
@@ -122,10 +122,11 @@ class TakeCache:
 # ---- What the session's state says of masks
 
 
-def source_of(choice: MaskChoice) -> MaskSource:
-    """Return a choice as the state has it."""
-    masks, roi = choice
-    return MaskSource(masks if isinstance(masks, str | None) else mask_method_table(masks), roi)
+def mask_source(view: View) -> MaskSource:
+    """Return where a camera's masks come from, as the state has it."""
+    masks = view.settings.masks
+    table = masks if isinstance(masks, str | None) else mask_method_table(masks)
+    return MaskSource(table, view.settings.roi)
 
 
 def usual_values(kind: type[MaskMethod]) -> dict[str, object]:
@@ -158,21 +159,6 @@ def pinning(pins: Mapping[int, Sequence[Pin]]) -> Edit:
 
 _COMPARED = 20  # tracked frames by which cameras are compared; lost ones among them do not count
 _UNDECIDED = DecidedPose({})
-
-
-@dataclass(frozen=True)
-class FileSettings:
-    """What session.toml can say of what is decided in the workbench."""
-
-    setting: dict[str, Any]
-    """by name"""
-    clouds: CloudSettings | None
-    masks: Mapping[str, MaskChoice]
-    """by camera"""
-
-    def table(self, kind: FileKind) -> Mapping[str, Any]:
-        """Return the values of a kind by their names."""
-        return (self.clouds or CloudSettings()).table if kind == "clouds" else getattr(self, kind)
 
 
 class Document:
@@ -261,14 +247,10 @@ class Document:
         """
         kind, entry = key
         session, known = self.session, self.state.get(key)
-        if kind == "setting":
-            return self.run.settings.flat().get(entry)
+        if kind in self.saved:
+            return self.settings[kind] if entry is None else self.settings[kind].get(entry)
         if kind == "size":
             return replace(self.size, scale=self.run.scale)
-        if kind == "clouds":
-            return {} if self.clouds is None else self.clouds.table
-        if kind == "masks":
-            return source_of(self.masks[entry])
         if kind == "pins":
             return session.pins.of(entry) or None
         if kind == "forearm":
@@ -323,7 +305,7 @@ class Document:
 
     def _run_with(self, changed: Mapping[str, Mapping[Any, Any]]) -> TrackingRun:
         """Return the run with what is another in force, by kind and entry."""
-        run, own = self.run, self.saved.setting
+        run, own = self.run, self.saved["setting"]
         for arm_m in changed["forearm"].values():
             wanted = self._own_arm_m if arm_m is None else arm_m
             run = run if run.arm_m == wanted else run.with_forearm(wanted)
@@ -340,27 +322,25 @@ class Document:
             scale = (size or self._own_size).scale
             run = run if run.scale == scale else run.with_scale(scale)
         for table in changed["clouds"].values():
-            clouds = self._clouds_of(table)
-            run = run if clouds == self.clouds else run.with_clouds(clouds)
+            table = self.saved["clouds"] if table is None else table
+            if table != self.settings["clouds"]:
+                cameras = run.session.file.cameras
+                run = run.with_clouds(read_clouds(table, cameras, "[clouds]") if table else None)
         if changed["camera"]:
             known = {**run.session.corrections, **changed["camera"]}
             known = {name: value for name, value in known.items() if value is not None}
             run = replace(run, session=run.session.with_cameras(known))
-        masks = {name: self._masks_of(name, value) for name, value in changed["masks"].items()}
-        if masks != {name: self.masks[name] for name in masks}:
-            run = replace(run, session=run.session.with_masks(masks))
-        return run
-
-    def _masks_of(self, camera: str, source: MaskSource | None) -> MaskChoice:
-        saved = self.saved.masks
-        if camera not in saved:
-            raise unknown_name("camera", camera, tuple(saved))
-        if source is None:
-            return saved[camera]
-        masks = source.masks
-        if isinstance(masks, dict):
-            masks = read_mask_method(masks, f"masks of camera '{camera}'")
-        return masks, source.roi
+        masks, known = dict[str, MaskChoice](), self.settings["masks"]
+        for name, value in changed["masks"].items():
+            if name not in known:
+                raise unknown_name("camera", name, tuple(known))
+            source = value or self.saved["masks"][name]
+            if source != known[name]:
+                method = source.masks
+                if isinstance(method, dict):
+                    method = read_mask_method(method, f"masks of camera '{name}'")
+                masks[name] = method, source.roi
+        return replace(run, session=run.session.with_masks(masks)) if masks else run
 
     @property
     def size(self) -> DecidedSize:
@@ -368,11 +348,6 @@ class Document:
         another, with which tracking begins.
         """
         return self.state.size or self._own_size
-
-    def _clouds_of(self, table: dict[str, Any] | None) -> CloudSettings | None:
-        if table is None:
-            return self.saved.clouds
-        return read_clouds(table, self.session.file.cameras, "[clouds]") if table else None
 
     def _use(self, run: TrackingRun, resized: bool = False) -> None:
         """Change to another run; poses go by their names. What was made with a model comes back with it."""
@@ -569,17 +544,15 @@ class Document:
         return self.session.file.clouds
 
     @property
-    def masks(self) -> dict[str, MaskChoice]:
-        """Where each camera's masks come from."""
-        views = self.session.views
-        return {view.name: (view.settings.masks, view.settings.roi) for view in views}
-
-    @property
-    def settings(self) -> FileSettings:
-        """What holds of all that can be saved in session.toml."""
-        return FileSettings(dict(self.run.settings.flat()), self.clouds, self.masks)
+    def settings(self) -> dict[str, Mapping[str, Any]]:
+        """What holds of all that session.toml can say, by FileKind: settings, the table [clouds], and by camera where masks come from."""
+        return {
+            "setting": self.run.settings.flat(),
+            "clouds": {} if self.clouds is None else self.clouds.table,
+            "masks": {view.name: mask_source(view) for view in self.session.views},
+        }
 
     def unsaved(self, kind: FileKind) -> tuple[str, ...]:
         """Return the names of what is another than in session.toml: settings, those of [clouds], or cameras whose masks are."""
-        now, saved = self.settings.table(kind), self.saved.table(kind)
+        now, saved = self.settings[kind], self.saved[kind]
         return tuple(name for name in {**saved, **now} if now.get(name) != saved.get(name))

@@ -22,7 +22,7 @@ from handtrack.store.store import resolved
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine.document import Document, source_of
+from handtrack_app.engine.document import Document, mask_source
 from handtrack_app.engine.inverse_kinematics import stem_bones
 from handtrack_app.protocol.snapshots import (
     BEFORE,
@@ -131,7 +131,7 @@ def mask_cards(document: Document) -> tuple[MaskCameraCard, ...]:
     """Return where each camera's masks come from, with the settings in force."""
     cards = []
     for view in document.session.views:
-        source = source_of(document.masks[view.name])
+        source = mask_source(view)
         table = dict(source.masks) if isinstance(source.masks, dict) else {}
         method = str(table.pop("method", NO_MASKS if source.masks is None else FILES))
         possible = possible_masks(document, view)
@@ -149,7 +149,7 @@ def mask_words(cards: Sequence[MaskCameraCard]) -> str:
 
 def possible_masks(document: Document, view: View) -> tuple[str, ...]:
     """Return the mask methods that a camera has what it takes for; files where session.toml names some."""
-    settings, saved = view.settings, document.saved.masks[view.name][0]
+    settings, saved = view.settings, document.saved["masks"][view.name].masks
     names = [n for n, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
     if settings.keypoints is None:
         names = [name for name in names if name != "seeded"]

@@ -18,12 +18,12 @@ from handtrack.capture.masks.mask_correction import (
     painted,
 )
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
-from handtrack.capture.masks.segmentation import METHODS, mask_method_table
+from handtrack.capture.masks.segmentation import METHODS
 from handtrack.errors import HandtrackError
 from handtrack.session.session_state import Correction, Edit, MaskSource, decide
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import View
-from handtrack_app.engine.document import source_of, usual_values
+from handtrack_app.engine.document import mask_source, usual_values
 from handtrack_app.engine.document_snapshots import possible_masks
 from handtrack_app.engine.jobs import BackgroundJob
 from handtrack_app.engine.service import Service
@@ -126,7 +126,7 @@ class MaskService(Service):
 
     def _source(self, view: View, values: dict[str, object]) -> MaskSource:
         """Return where a camera's masks come from with other values. Raises HandtrackError."""
-        source = source_of(self.document.masks[view.name])
+        source = mask_source(view)
         table, roi = source.masks, source.roi
         if "method" in values:
             table = self._begun(view, str(values.pop("method")))
@@ -147,7 +147,7 @@ class MaskService(Service):
 
     def _begun(self, view: View, name: str) -> str | dict[str, object] | None:
         """Return a method as it begins: as session.toml has it, else as it is usual. Raises HandtrackError where it cannot be."""
-        saved = self.document.saved.masks[view.name][0]
+        saved = self.document.saved["masks"][view.name].masks
         if name == NO_MASKS:
             return None
         if name == FILES:
@@ -161,8 +161,8 @@ class MaskService(Service):
             raise HandtrackError(
                 f"masks of camera '{view.name}' cannot be made by '{name}': it needs {needs}, and joints for 'seeded'."
             )
-        if saved is not None and not isinstance(saved, str) and saved.name == name:
-            return mask_method_table(saved)
+        if isinstance(saved, dict) and saved["method"] == name:
+            return saved
         kind = METHODS[name]
         width, height = view.camera.size
         middle = [3 * width // 7, 3 * height // 7, width // 7, height // 7]

@@ -79,7 +79,7 @@ def method(document: Document, value: object) -> Edit:
     """Change the method, with all that it sets, and what the one before had set; back to the session's own brings its own
     values back. Raises HandtrackError.
     """
-    now, own = document.run.settings, document.saved.setting
+    now, own = document.run.settings, document.saved["setting"]
     chosen = now.with_values({"method": value})
     wanted = own if chosen.method == own["method"] else chosen.flat()
     touched = ("method", *METHODS[now.method].values, *METHODS[chosen.method].values)

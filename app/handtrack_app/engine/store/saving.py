@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-from handtrack.capture.masks.segmentation import mask_method_table
+from handtrack.capture.masks.segmentation import METHODS
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import keep_version
 from handtrack.files.toml_edit import edit_toml
@@ -13,7 +11,7 @@ from handtrack.model.model_file import write_scale
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_FILE
-from handtrack.session.sources.views import MaskChoice
+from handtrack.session.session_state import MaskSource
 from handtrack.session.takes import file_digest
 from handtrack_app.engine.document import usual_values
 from handtrack_app.engine.store.persistence import Persistence, whole_track
@@ -70,31 +68,29 @@ def save(store: Persistence, kind: FileKind) -> str:
         what, changes = "Masks", dict[str, object]()
         for number, camera in enumerate(document.session.file.cameras):
             if (name := camera.name) in unsaved:
-                saved = document.saved.masks[name]
-                changes |= _mask_changes(f"camera.{number}", now.masks[name], saved)
+                saved = document.saved["masks"][name]
+                changes |= _mask_changes(f"camera.{number}", now["masks"][name], saved)
                 changes[f"camera.{number}.mask_unknown"] = camera.mask_unknown
     else:
-        what, values = f"[{_TABLES[kind]}]", now.table(kind)
+        what, values = f"[{_TABLES[kind]}]", now[kind]
         changes = {f"{_TABLES[kind]}.{name}": values.get(name) for name in unsaved}
     kept = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS)
-    document.saved = replace(document.saved, **{kind: getattr(now, kind)})
+    document.saved = {**document.saved, kind: now[kind]}
     store.leave_to_the_file(kind)
     store.flush()
     return f"{what} of session.toml: {', '.join(unsaved)}.{kept}"
 
 
-def _mask_changes(place: str, now: MaskChoice, saved: MaskChoice) -> dict[str, object]:
+def _mask_changes(place: str, now: MaskSource, saved: MaskSource) -> dict[str, object]:
     """Return what is to be changed of a camera's table: of the same method only what differs."""
-    (masks, roi), before = now, saved[0]
-    changes: dict[str, object] = {f"{place}.roi": None if roi is None else list(roi)}
-    if masks is None or isinstance(masks, str):
-        return changes | {f"{place}.masks": masks}
-    table = mask_method_table(masks)
-    if type(before) is type(masks) and not isinstance(before, str | None):
-        known = mask_method_table(before)
+    table, known = now.masks, saved.masks
+    changes: dict[str, object] = {f"{place}.roi": None if now.roi is None else list(now.roi)}
+    if not isinstance(table, dict):
+        return changes | {f"{place}.masks": table}
+    if isinstance(known, dict) and known["method"] == table["method"]:
         differ = {key: value for key, value in table.items() if value != known[key]}
         return changes | {f"{place}.masks.{key}": value for key, value in differ.items()}
-    usual = usual_values(type(masks))
+    usual = usual_values(METHODS[table["method"]])
     said = {k: v for k, v in table.items() if k not in usual or v != usual[k]}
     return changes | {f"{place}.masks": said}
 
