@@ -34,7 +34,6 @@ from handtrack.files.toml_table import (
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.geometry.source_lens import SourceLens
-from handtrack.model.model_file import MODELS, OTHERS
 from handtrack.setting import Setting, declared
 
 # ---- [clouds]: where point clouds come from, how pairs are matched, and which points are the hand's
@@ -344,6 +343,8 @@ class SessionFile:
 
 def is_definition(model: str) -> bool:
     """Return whether [hand] model is the path of a definition, and no model's name."""
+    from handtrack.model.model_file import OTHERS  # slow to import
+
     return model.lower().endswith((".toml", *OTHERS)) or "/" in model
 
 
@@ -360,6 +361,8 @@ def dotted(tracking: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def read_session_file(path: Path) -> SessionFile:
     """Return the settings of a session.toml. Raises HandtrackError naming file, table and key."""
+    from handtrack.model.model_file import MODELS, OTHERS  # slow; the page never reads one
+
     tables = read_toml(path, "a session's settings")
     for name in tables:
         if name not in _TABLES:

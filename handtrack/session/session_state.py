@@ -20,8 +20,8 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import scale_from, scale_table
 from handtrack.observation.pins import Pin
-from handtrack.store.history import Value
-from handtrack.store.store import Span, spans_of
+from handtrack.store.history import Span, Value
+from handtrack.store.store import spans_of
 from handtrack.tracking.whole.refinement import CameraError
 
 

@@ -31,7 +31,8 @@ from handtrack.session.layout import (
 )
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.store.store import Span, Store, WritableStore
+from handtrack.store.history import Span
+from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import TakeAbout, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, Step, TrackLabels, TrackResult
 from handtrack.version import VERSION

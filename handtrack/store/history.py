@@ -26,6 +26,16 @@ Kind = Literal["do", "undo", "redo", "note"]
 """a note changes the state, and is no step of the history: what was saved to a file, say"""
 
 
+@dataclass(frozen=True, order=True)
+class Span:
+    """Frames of one take."""
+
+    take: int
+    first: int
+    stop: int
+    """one past the last"""
+
+
 @dataclass(frozen=True)
 class Change:
     """What an action does to one value."""

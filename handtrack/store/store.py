@@ -13,14 +13,13 @@ import shutil
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from handtrack.arrays import number_runs
 from handtrack.errors import HandtrackError
-from handtrack.store.history import Action, Change, History, State, Value, apply
+from handtrack.store.history import Action, Change, History, Span, State, Value, apply
 from handtrack.store.lease import BEAT_S, Lease
 from handtrack.store.log import LogWriter, make_folders, read_log, segments, size_of
 from handtrack.store.take import Take, TakeAbout, TakeWriter
@@ -276,16 +275,6 @@ def spans_of(value: object) -> tuple[Span, ...]:
 
 
 # ---- Spans of takes, of which a track is composed. Later ones lie over earlier ones: where a take lacks a frame, the one below shows
-
-
-@dataclass(frozen=True, order=True)
-class Span:
-    """Frames of one take."""
-
-    take: int
-    first: int
-    stop: int
-    """one past the last"""
 
 
 def with_span(spans: Sequence[Span], put: Span) -> tuple[Span, ...]:

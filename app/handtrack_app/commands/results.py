@@ -21,8 +21,9 @@ from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.takes import foreign_result, foreign_takes, import_track, make_current
+from handtrack.store.history import Span
 from handtrack.store.lease import holder_of
-from handtrack.store.store import Span, Store, WritableStore
+from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import Take
 from handtrack.tracking.frame.result import TrackResult
 from handtrack_app.commands.terminal.output import answer, note, output_file, print_status

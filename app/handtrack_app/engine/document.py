@@ -37,7 +37,8 @@ from handtrack.session.session_state import (
 from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
 from handtrack.session.sources.views import MaskChoice, View
 from handtrack.session.takes import REFINED, files_read
-from handtrack.store.store import Span, Store
+from handtrack.store.history import Span
+from handtrack.store.store import Store
 from handtrack.store.take import CurrentTrack, TakeFrames
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.whole.refinement import Refinement

@@ -15,7 +15,7 @@ from handtrack.diagnostics.review import ReviewInterval
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.model.shape import ShapeNumber
-from handtrack.store.store import Span
+from handtrack.store.history import Span
 from handtrack_app.log import ENGINE_LOG
 
 

@@ -21,7 +21,8 @@ from handtrack.session.session_state import (
     in_turn,
     marking,
 )
-from handtrack.store.store import Span, clipped, resolved
+from handtrack.store.history import Span
+from handtrack.store.store import clipped, resolved
 from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine.document import Document
 

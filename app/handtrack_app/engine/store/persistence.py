@@ -39,9 +39,9 @@ from handtrack.session.session_state import (
 )
 from handtrack.session.takes import foreign_takes, import_track, refined_by, versions_in_use
 from handtrack.session.track_session import keyframe_result
-from handtrack.store.history import DO, NOTE, Action, Change, History, Kind, merged
+from handtrack.store.history import DO, NOTE, Action, Change, History, Kind, Span, merged
 from handtrack.store.lease import LeaseTaken
-from handtrack.store.store import Span, Store, WritableStore, resolved
+from handtrack.store.store import Store, WritableStore, resolved
 from handtrack.store.take import TakeAbout, TakeFrames, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.whole.refinement import Refinement

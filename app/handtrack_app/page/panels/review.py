@@ -12,7 +12,7 @@ import viser
 
 from handtrack.arrays import number_runs
 from handtrack.diagnostics.review import ReviewInterval
-from handtrack.store.store import Span
+from handtrack.store.history import Span
 from handtrack_app.page.html import bar, card, picture, text
 from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.pose import GuessesPanel
