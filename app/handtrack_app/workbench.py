@@ -157,7 +157,9 @@ class Workbench:
         while not self._stopping.is_set():
             snapshot = self._snapshots.take(0.2)
             try:
-                if snapshot is not None:
+                if snapshot is None:  # what two threads showed at once is shown again
+                    self.page.refresh()
+                else:
                     self.page.show(snapshot)
             except Exception:  # one snapshot that cannot be shown must not end the page
                 log.exception("could not show %s", type(snapshot).__name__)

@@ -62,7 +62,7 @@ class CloudPanel(Panel):
         self.wide = page.toggle("Large", "cloud_wide", "Over the scene.")
         for widget in (self.which, self.wide):
             page.offer(widget, lambda: len(self.which.options) > 1)
-        with page.offer(gui.add_folder("In the scene"), self._has_clouds):
+        with page.offer(gui.add_folder("In the scene"), self.has_clouds):
             self.on = page.toggle("Cloud", "cloud")
             page.choice(
                 "Colour", _COLOURS, partial(page.draw, "cloud_colour"),
@@ -73,13 +73,13 @@ class CloudPanel(Panel):
             self.legend = page.offer(
                 gui.add_html(ramp_legend()), lambda: display.cloud_colour == "residual"
             )
-        with page.offer(gui.add_folder("Crop"), self._has_clouds):
+        with page.offer(gui.add_folder("Crop"), self.has_clouds):
             self._add(*CROP)
         thin = gui.add_folder("Thin, and drop outliers", expand_by_default=False)
-        with page.offer(thin, self._has_clouds):
+        with page.offer(thin, self.has_clouds):
             self._add(*THIN)
         if card.image_cameras:  # else there is no colour
-            self.skin = SkinControls(page, self.set, self._mark)
+            self.skin = SkinControls(page, self)
         if card.pairs:
             with gui.add_folder("Stereo", expand_by_default=not card.source):
                 pairs = {" – ".join(pair): pair for pair in card.pairs}
@@ -128,14 +128,15 @@ class CloudPanel(Panel):
         card = self.state.session.clouds
         return card.source != "stereo" or self.pair != card.pair
 
-    def _has_clouds(self) -> bool:
+    def has_clouds(self) -> bool:
+        """Return whether the session has clouds."""
         return bool(self.state.session.clouds.source)
 
     def set(self, **values: object) -> None:
         """Change settings of [clouds]."""
         self.engine.set_clouds(values)
 
-    def _mark(self, camera: str, client: Client, marked: Callable[..., None]) -> None:
+    def mark_box(self, camera: str, client: Client, marked: Callable[..., None]) -> None:
         """Have a box dragged over a camera's image; the large picture would stand before it."""
         self.page.draw("cloud_wide", False)
         self.wide.value = False
@@ -238,20 +239,17 @@ _SIZE = (0.5, 10.0, 0.1)
 class SkinControls(Part):
     """Where the colour is taken from, and how far from it counts."""
 
-    set: Callable[..., None]
-    """changes settings of [clouds] by their names"""
-    mark: Callable[..., None]
-    """as of the panel"""
+    panel: CloudPanel
     ellipse: SkinEllipse | None = None
     """in force, or before it was switched off"""
 
     def build(self) -> None:
         page, gui = self.page, self.gui
         folder = gui.add_folder("Skin colour", expand_by_default=False)
-        with page.offer(folder, lambda: bool(self.state.session.clouds.source)):
+        with page.offer(folder, self.panel.has_clouds):
             self.words = gui.add_html("")
             self.on = page.check(
-                "Skin only", False, lambda on: self.set(skin=self.ellipse if on else None), "Drop points of other colours.",
+                "Skin only", False, lambda on: self.panel.set(skin=self.ellipse if on else None), "Drop points of other colours.",
                 lambda: self.ellipse is not None,
             )  # fmt: skip
             self.size = page.bind(
@@ -274,11 +272,11 @@ class SkinControls(Part):
             )  # fmt: skip
 
     def _drag(self, client: Client) -> None:
-        self.mark(str(self.camera.value), client, self.take)
+        self.panel.mark_box(str(self.camera.value), client, self.take)
 
     def _resize(self, size: float) -> None:
         if self.on.value and self.ellipse is not None:
-            self.set(skin=replace(self.ellipse, size=round(size, 3)))
+            self.panel.set(skin=replace(self.ellipse, size=round(size, 3)))
 
     def take(self, box: Box | None) -> None:
         """Take the colour in a box of the camera's image, or in what was painted."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -67,7 +66,7 @@ class MaskPanel(Panel):
         self.saved = SavedSettings(
             page, "masks", "the cameras' masks and roi", "Discards unsaved changes; corrections stay.", "masks of {}"
         )  # fmt: skip
-        self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
+        self.correcting = CorrectingWidgets(page, self)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Show what is in force."""
@@ -76,18 +75,19 @@ class MaskPanel(Panel):
 
     # ---- which camera
 
-    def _named(self) -> str:
+    def named(self) -> str:
+        """Return the camera that is chosen in the tab, empty for all."""
         chosen = str(self.camera.value)
         return "" if chosen == ALL else chosen
 
     def _shown_camera(self) -> MaskCameraCard:
         """Return the camera chosen, of all the first."""
-        named, cameras = self._named(), self.state.session.masks
+        named, cameras = self.named(), self.state.session.masks
         return next((c for c in cameras if c.name == named), cameras[0])
 
-    def _one_camera(self, client: Client) -> str:
+    def one_camera(self, client: Client) -> str:
         """Return the camera that is meant where there can be one only: chosen, or looked through, or the first."""
-        return self._named() or client.through or self._shown_camera().name
+        return self.named() or client.through or self._shown_camera().name
 
     def _show_chosen(self) -> None:
         camera = self._shown_camera()
@@ -109,12 +109,12 @@ class MaskPanel(Panel):
             self.wrong.content = escaped("Masks are being made …")
 
     def _set(self, name: str, value: object, one: bool = False) -> None:
-        camera = self._shown_camera().name if one else self._named()
+        camera = self._shown_camera().name if one else self.named()
         self._show_masks(True)
         self.engine.set_masks(camera, {name: value})
 
     def _drag(self, what: str, client: Client) -> None:
-        camera = self._one_camera(client)
+        camera = self.one_camera(client)
 
         def marked(box: tuple[int, int, int, int]) -> None:
             self._show_masks(True)
@@ -171,11 +171,8 @@ _MOST = 20  # frames to carry to, each way
 class CorrectingWidgets(Part):
     """A folder of the tab."""
 
-    stage: Stage
-    camera: Callable[[Client], str]
-    """the one that a user means"""
-    named: Callable[[], str]
-    """the one chosen in the tab, empty for all"""
+    panel: MaskPanel
+    """it knows which camera is meant"""
     _painter: Client | None = None
     _stroke: int = 0
     _last: Pixel | None = None
@@ -218,12 +215,13 @@ class CorrectingWidgets(Part):
         put(self.words, content=text(lines))
 
     def _begin(self, client: Client) -> None:
-        self.stage.paint_on(self.camera(client), client, _TASK, self._pointed)
+        camera = self.panel.one_camera(client)
+        self.panel.stage.paint_on(camera, client, _TASK, self._pointed)
 
     def _end(self, client: Client) -> None:
         """End the painting, whoever asks for that."""
         painter = self._painter if self._painter in self.page.clients else client
-        self.stage.look(painter.through, painter)
+        self.panel.stage.look(painter.through, painter)
 
     def _see_painter(self) -> None:
         """Take who paints, if that has changed."""
@@ -241,7 +239,7 @@ class CorrectingWidgets(Part):
     def _show_brush(self) -> None:
         """Draw the brush as a circle about the pointer, in its size over the image."""
         client = self._painter
-        card = None if client is None else self.stage.looking.card(client)
+        card = None if client is None else self.panel.stage.looking.card(client)
         if client is not None and card is not None:
             _send_brush(client, self.radius.value / float(card.matrix[1, 1]))
 
@@ -265,11 +263,11 @@ class CorrectingWidgets(Part):
         self.engine.paint_mask(frame, camera, brush, points, radius, str(self._stroke))
 
     def _drop(self, client: Client) -> None:
-        self.engine.drop_correction(self.state.frame, self.camera(client))
+        self.engine.drop_correction(self.state.frame, self.panel.one_camera(client))
 
     def _carry(self) -> None:
         frame, before, behind = self.state.frame, self.before.value, self.behind.value
-        self.engine.carry_masks(frame, self.named(), before, behind)
+        self.engine.carry_masks(frame, self.panel.named(), before, behind)
 
 
 def _send_brush(client: Client, tangent: float) -> None:

@@ -11,7 +11,7 @@ from viser import uplot
 
 from handtrack.arrays import Floats, N
 from handtrack_app.page.html import text
-from handtrack_app.page.page import Panel, put
+from handtrack_app.page.page import Panel
 from handtrack_app.page.panels.pose_words import groups_of, title_of, unit_of
 from handtrack_app.page.time.lanes import Window, extremes
 from handtrack_app.protocol.snapshots import Curve, CurvesSnapshot, SessionSnapshot
@@ -67,7 +67,7 @@ class PlotsPanel(Panel):
             "For the part of the recording that the timeline shows. The ground truth "
             "is plotted beside the track. Drag in a plot to zoom; double-click for all.",
         )  # fmt: skip
-        self.note = gui.add_html(text(page.phrase(_CHOOSE)))
+        self.note = page.offer(gui.add_html(text(page.phrase(_CHOOSE))), lambda: not self.curves)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer the groups of the model's parameters."""
@@ -101,7 +101,6 @@ class PlotsPanel(Panel):
             else:
                 plot = self.plots[n]
                 plot.series, plot.data, plot.title = series, lines, title
-        put(self.note, visible=not self.curves)
 
     def _add(
         self, lines: tuple[Floats[N], ...], series: tuple[uplot.Series, ...], title: str

@@ -292,11 +292,12 @@ class LimitsPanel(Panel):
                 groups.pop(PLACE, None)
                 for number, (group, members) in enumerate(groups.items()):
                     self._add_folder(group, members, session, is_open=number < _OPEN)
-        for s, name in enumerate(self.names):
-            if name in self.ranges:
-                shown = degrees(session.interval[s])
-                put(self.ranges[name], value=shown)
-                self._name(name, shown)
+        for name, ranges in self.ranges.items():
+            low, high = degrees(session.interval[self.names.index(name)])
+            # the range itself shows no numbers: they stand in its label
+            words = f"{label_of(name).removesuffix('°').rstrip()} {low:.0f}\u2060…\u2060{high:.0f}°"
+            changed = " •" if name in self._changed_names else ""
+            put(ranges, value=(low, high), label=words.replace("-", "−") + changed)
 
     def show(self, pose: PoseSnapshot) -> None:
         """Mark the present angle of every joint between its limits."""
@@ -324,15 +325,6 @@ class LimitsPanel(Panel):
                     label_of(name), low - 40.0, high + 40.0, 1.0, initial_value=(low, high), min_range=1.0
                 )  # fmt: skip
                 self.ranges[name] = self.page.bind(ranges, partial(self._changed, name))
-
-    def _name(self, name: str, interval: tuple[float, float]) -> None:
-        """The range itself shows no numbers: they stand in its label."""
-        label = f"{label_of(name).removesuffix('°').rstrip()} {interval[0]:.0f}\u2060…\u2060{interval[1]:.0f}°".replace(
-            "-", "−"
-        )
-        if name in self._changed_names:
-            label += " •"
-        put(self.ranges[name], label=label)
 
     def _changed(self, name: str, interval: tuple[float, float]) -> None:
         unit = unit_of(name)

@@ -123,8 +123,8 @@ class Stage:
 
     def _draw(self) -> None:
         """Show what there is of the pose shown, beside clouds and cameras."""
-        display, pose = self.display, self.pose
         with self._drawing:
+            display, pose = self.display, self.pose
             self.ghosts.show(display.ghosts, pose.frame)
             self._draw_hand()
             self.hand.show_truth(pose, display.truth)
