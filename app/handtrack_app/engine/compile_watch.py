@@ -33,9 +33,7 @@ class CompileWatch:
             def on_end(self, event: events.Event) -> None:
                 pass
 
-        counter = Counter()
-        events.register(_EVENT, counter)
-        counting.callback(events.unregister, _EVENT, counter)
+        counting.enter_context(events.install_listener(_EVENT, Counter()))
 
     @property
     def words(self) -> str:

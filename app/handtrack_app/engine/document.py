@@ -374,19 +374,23 @@ class Document:
         self.shown = self.model.joint_params(self.model.params_within_limits(self.shown))
 
     def _lay(self) -> None:
-        """Compose the current track; takes of another model do not show (`hidden`)."""
-        laid = list[tuple[range, TakeFrames]]()
-        self.laid, self.hidden = (), ()
-        for span in self.state.spans:
+        self.results, self.laid, self.hidden = self.composed(self.state.spans)
+
+    def composed(
+        self, spans: Sequence[Span]
+    ) -> tuple[CurrentTrack, tuple[Span, ...], tuple[Span, ...]]:
+        """Return the track that spans make, those that show, and those of takes with another model, which do not."""
+        layers, laid, hidden = list[tuple[range, TakeFrames]](), list[Span](), list[Span]()
+        for span in spans:
             take = self.takes.get(span.take)
             if take is None:
                 continue
             if take.parameter_names == self.model.parameter_names:
-                self.laid += (span,)
-                laid.append((range(span.first, span.stop), take))
+                laid.append(span)
+                layers.append((range(span.first, span.stop), take))
             else:
-                self.hidden += (span,)
-        self.results = CurrentTrack(laid)
+                hidden.append(span)
+        return CurrentTrack(layers), tuple(laid), tuple(hidden)
 
     def _derive_poses(self) -> None:
         self.by_hand, self._carried = {}, {}

@@ -266,12 +266,9 @@ def _pose(document: Document, state: SessionState) -> Floats[S] | None:
     frame, decided = document.frame, state.pose.get(document.frame)
     if decided is not None:
         return document.posed(decided)
-    for span in reversed(state.spans):
-        take = document.takes.get(span.take) if span.first <= frame < span.stop else None
-        if take is not None and take.parameter_names == document.model.parameter_names:
-            result = take.get(frame)  # where it lacks the frame, the one below shows
-            if result is not None:
-                return result.parameters
+    result = document.composed(state.spans)[0].get(frame)
+    if result is not None:
+        return result.parameters
     return document.start if frame == document.first_frame else None
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
+from handtrack.model.size import with_number
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import Edit, decide
 from handtrack.tracking.pulling import fitted_again
@@ -89,7 +90,8 @@ class TuningService(Service):
     @Command(edits=True, latest=("name",))
     def set_shape(self, name: str, value: float, tag: str = "") -> None:
         """Set a number of the person's shape [% or mm, as `ShapeNumber` has it]."""
-        self._change(lambda: edits.shape(self.document, name, value), tag or "Shape", True)
+        model = self.document.model
+        self._change(lambda: edits.size(with_number(model, name, value)), tag or "Shape", True)
 
     def _change(self, edit: Callable[[], Edit], words: str, slid: bool) -> None:
         """Let values hold from now on. slid: by a slider: many changes are one step of undo."""

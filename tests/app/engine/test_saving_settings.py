@@ -105,7 +105,7 @@ def test_clouds_are_saved_key_by_key(tmp_path):
     path.write_text(added)
     skin = SkinEllipse((0.4, 0.3), (0.001, 0.0, 0.002), 3.0)
     changed = document.clouds.with_values({"voxel_m": None, "skin": skin, "near_m": False})
-    did(store, edits.clouds(changed))
+    did(store, decide(clouds=changed.table))
     saving.save(store, "clouds")
     expected = document.clouds.with_values({"per_voxel": 3})
     assert read_session_file(path).clouds == expected

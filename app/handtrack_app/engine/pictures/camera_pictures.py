@@ -269,12 +269,12 @@ def _cut(view: StereoView) -> tuple[slice, slice, slice]:
     """Return rows and columns of the left image around what was looked at, and the right image's columns."""
     height, width = view.disparity.shape
     looked = np.isfinite(view.disparity) | (view.rejected > 0)
-    if not looked.any():
+    x, y, wide, high = cv2.boundingRect(looked.astype(np.uint8))
+    if not wide:
         whole = slice(0, width)
         return slice(0, height), whole, whole
-    y, x = np.flatnonzero(looked.any(axis=1)), np.flatnonzero(looked.any(axis=0))
-    top, bottom = _span(int(y[0]), int(y[-1]) + 1, height)
-    left, right = _span(int(x[0]), int(x[-1]) + 1, width)
+    top, bottom = _span(y, y + high, height)
+    left, right = _span(x, x + wide, width)
     known = view.disparity[np.isfinite(view.disparity)]
     shift = round(float(np.median(known))) if len(known) else 0
     start = int(np.clip(left - shift, 0, width - (right - left)))

@@ -22,6 +22,7 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_file import CloudSettings
+from handtrack.session.session_state import decide
 from handtrack.session.sources.skin_samples import painted_skin
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
@@ -284,7 +285,9 @@ class CloudService(Service, FramePictures):
         """Change settings of [clouds] by name; None: as it is usual, False: off."""
         names, slid = ", ".join(values), edits.is_slid(*values.values())
         now = self.document.clouds or CloudSettings()
-        self._do(f"Clouds: {names}", lambda: edits.clouds(now.with_values(values)), names, slid)
+        self._do(
+            f"Clouds: {names}", lambda: decide(clouds=now.with_values(values).table), names, slid
+        )
 
     @Command(edits=True, latest=())
     def sample_skin(
@@ -293,7 +296,7 @@ class CloudService(Service, FramePictures):
         """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame; None: to all images in which hand is painted."""
         with self.opened.changing():
             settings, words = skin_in_force(self.document, frame, camera, box, size)
-            self.store.do("Colour of skin", edits.clouds(settings), tag="skin")
+            self.store.do("Colour of skin", decide(clouds=settings.table), tag="skin")
             self.publish(Notice("done", "Skin colour updated", words))
 
 

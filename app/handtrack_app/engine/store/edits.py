@@ -10,8 +10,6 @@ import numpy as np
 
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import HandScale
-from handtrack.model.size import with_number
-from handtrack.session.session_file import CloudSettings
 from handtrack.session.session_state import (
     NOTHING,
     CameraCorrection,
@@ -101,16 +99,6 @@ def limits(document: Document, name: str, interval: tuple[float, float] | None) 
 def size(scale: HandScale, pending: bool = False, live: HandScale | None = None) -> Edit:
     """Change the hand's size. pending: it is still to be fitted; live: what it was before refining, for tracking to begin with."""
     return decide(size=DecidedSize(scale, pending, live))
-
-
-def shape(document: Document, name: str, value: float) -> Edit:
-    """Set a number of the person's shape, which then needs no fit before tracking. Raises HandtrackError."""
-    return size(with_number(document.model, name, value))
-
-
-def clouds(settings: CloudSettings) -> Edit:
-    """Take settings of [clouds], all of them."""
-    return decide(clouds=settings.table)
 
 
 def corrected_cameras(document: Document, cameras: Sequence[str]) -> Edit:
