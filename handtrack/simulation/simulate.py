@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,12 +10,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, F, Floats, J, S, array_dataclass
+from handtrack.arrays import D2, D3, Array, F, Floats, J, K, S, array_dataclass
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.capture.images.openpose import LAYOUTS
+from handtrack.capture.images.openpose import LAYOUTS, Layout
 from handtrack.capture.joints.given_joints import write_joints
 from handtrack.capture.joints.joint_names import NAMED
 from handtrack.errors import HandtrackError
@@ -267,6 +267,15 @@ def layout_of_model(model: ArticulatedModel) -> str:
     return NAMED if model.kind == "body" else f"hand_{model.side}"
 
 
+def points_of(layout: Layout, names: Iterable[str], pixels: Floats[J, D2]) -> Floats[K, D3]:
+    """Return points in a layout's order, confidence 1; those that are unknown or beyond the layout are missing."""
+    points = np.zeros((layout.count, 3))
+    for name, pixel in zip(names, pixels, strict=True):
+        if name in layout.points and np.isfinite(pixel).all():
+            points[layout.points[name]] = (*pixel, 1.0)
+    return points
+
+
 def write_image_joints(
     folder: Path,
     model: ArticulatedModel,
@@ -279,15 +288,11 @@ def write_image_joints(
     unknown or beyond the layout are missing.
     """
     kind = layout_of_model(model)
-    known = LAYOUTS[kind]
-    rows = {k: known.points[name] for k, name in enumerate(names) if name in known.points}
     for camera in rig:
         pixels = camera.project(positions)
-        points = np.zeros((len(positions), known.count, 3))
-        points[:, [*rows.values()], :2] = (pixels + noise_px(pixels.shape))[:, [*rows]]
-        points[:, [*rows.values()], 2] = 1.0
-        points[~np.isfinite(points).all(axis=2)] = 0.0
-        write_joints(dict(enumerate(points)), kind, folder / "joints" / camera.name)
+        seen = pixels + noise_px(pixels.shape)
+        points = {frame: points_of(LAYOUTS[kind], names, one) for frame, one in enumerate(seen)}
+        write_joints(points, kind, folder / "joints" / camera.name)
     return kind
 
 
