@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from handtrack.arrays import D3, Floats, N, P, array_dataclass
+from handtrack.arrays import D3, Floats, N, P
 from handtrack.bench.measuring import (
     alone,
     alternating_medians,
@@ -41,58 +42,62 @@ WIDE_PX = 6.0
 """the widest band of the schedule is the slowest: spans are longest and overlap most"""
 
 
-@array_dataclass
-class ThreeViews:
-    """Silhouettes of the true pose, and a start about 5 mm and 5° an angle beside it."""
+Views = tuple[ArticulatedModel, Sequence[Silhouette], Floats[P]]
+"""a model, silhouettes of its true pose, and a start about 5 mm and 5° an angle beside it"""
 
-    model: ArticulatedModel
-    silhouettes: tuple[Silhouette, ...]
-    start: Floats[P]
 
-    @classmethod
-    def of(cls, size: tuple[int, int] = (640, 480), cameras: int = 3) -> ThreeViews:
-        """Return the scene with images of that width and height; growth is measured with more cameras, too."""
-        model = load_model()
-        truth = model.rest_params()
-        truth[1] -= 0.09  # the hand's middle to the world's origin, where the cameras look
-        rig = simulated_rig(cameras, size, 0.4).cameras
-        off = np.random.default_rng(1).normal(size=len(truth))
-        off *= np.where(np.arange(len(off)) < 3, 0.005, np.deg2rad(5.0))  # [m], [rad]
-        seen = tuple(mask_views(model, truth, rig).silhouettes)
-        return cls(model, seen, model.clipped(truth + off))
+def views_scene(size: tuple[int, int] = (640, 480), cameras: int = 3) -> Views:
+    """Return a scene with images of that width and height; growth is measured with more cameras, too."""
+    model = load_model()
+    truth = model.rest_params()
+    truth[1] -= 0.09  # the hand's middle to the world's origin, where the cameras look
+    rig = simulated_rig(cameras, size, 0.4).cameras
+    off = np.random.default_rng(1).normal(size=len(truth))
+    off *= np.where(np.arange(len(off)) < 3, 0.005, np.deg2rad(5.0))  # [m], [rad]
+    return model, mask_views(model, truth, rig).silhouettes, model.clipped(truth + off)
 
-    def prepared(self) -> list[PreparedSilhouette]:
-        """Return the silhouettes made ready for a term."""
-        return [prepare(silhouette) for silhouette in self.silhouettes]
 
-    def problem(
-        self, seen: list[PreparedSilhouette], band_px: float = WIDE_PX, all_rows: bool = False
-    ) -> Problem:
-        """Return the problem at the start: coverage, no priors, rows as far apart as in tracking unless all are asked for."""
-        ellipsoids, bones = self.model.ellipsoids["fine"], self.model.bones(self.start)
-        steps = () if all_rows else rows_apart([band_px] * len(seen))
-        return Problem(
-            self.model, [CoverageTerm(seen, ellipsoids, band_px, bones, row_steps=steps)]
-        )
+def prepared(views: Views) -> list[PreparedSilhouette]:
+    """Return the silhouettes made ready for a term."""
+    return [prepare(silhouette) for silhouette in views[1]]
 
-    def rows(self) -> int:
-        """Return how many pixels the model covers: the rows of the Jacobian that BLAS is given."""
-        ellipsoids, bones = self.model.ellipsoids["fine"], self.model.bones(self.start)
-        return int(outline_overlap(self.prepared(), ellipsoids, bones).model.sum())
+
+def views_problem(
+    views: Views,
+    seen: Sequence[PreparedSilhouette],
+    band_px: float = WIDE_PX,
+    all_rows: bool = False,
+) -> Problem:
+    """Return the problem at the start: coverage, no priors, rows as far apart as in tracking unless all are asked for."""
+    model, _, start = views
+    ellipsoids, steps = (
+        model.ellipsoids["fine"],
+        () if all_rows else rows_apart([band_px] * len(seen)),
+    )
+    return Problem(
+        model, [CoverageTerm(seen, ellipsoids, band_px, model.bones(start), row_steps=steps)]
+    )
+
+
+def _covered_rows(views: Views) -> int:
+    """Return how many pixels the model covers: the rows of the Jacobian that BLAS is given."""
+    model, _, start = views
+    overlap = outline_overlap(prepared(views), model.ellipsoids["fine"], model.bones(start))
+    return int(overlap.model.sum())
 
 
 @alone
 def silhouette_iteration_vs_blas() -> dict[str, Any]:
     """Return ratio, ours_ms, reference_ms and what the reference is."""
-    scene = ThreeViews.of()
-    rows, width = scene.rows(), len(scene.start)
-    problem = scene.problem(scene.prepared(), all_rows=True)
-    camera, ellipsoids = scene.silhouettes[0].camera, scene.model.ellipsoids["fine"]
+    views = model, silhouettes, start = views_scene()
+    rows, width = _covered_rows(views), len(start)
+    problem = views_problem(views, prepared(views), all_rows=True)
+    camera, ellipsoids = silhouettes[0].camera, model.ellipsoids["fine"]
     words = (
         f"{_words(rows, width, _COVERED)}; ours: kinematics, conics, derivatives, sums and assembly, "
-        f"{len(scene.silhouettes)} cameras {camera.size[0]} × {camera.size[1]}, {len(ellipsoids)} ellipsoids, widest band"
+        f"{len(silhouettes)} cameras {camera.size[0]} × {camera.size[1]}, {len(ellipsoids)} ellipsoids, widest band"
     )
-    return _medians([lambda: problem.linearize(scene.start)], rows, width, words)
+    return _medians([lambda: problem.linearize(start)], rows, width, words)
 
 
 _ROUNDS = 40
@@ -137,18 +142,18 @@ def pixels_64x_prepare() -> dict[str, Any]:
 @alone
 def _iterations(prepares: bool) -> dict[str, Any]:
     """Return the time of ten iterations with preparing the masks before, or of one without."""
-    scene = ThreeViews.of()
-    rows, width = scene.rows(), len(scene.start)
-    seen = scene.prepared()
-    problems = scene.problem(seen), scene.problem(seen, all_rows=True)
+    views = _, _, start = views_scene()
+    rows, width = _covered_rows(views), len(start)
+    seen = prepared(views)
+    problems = views_problem(views, seen), views_problem(views, seen, all_rows=True)
 
     def ten(problem: Problem) -> int:
-        return solve(problem, scene.start, _TEN).iterations
+        return solve(problem, start, _TEN).iterations
 
     shares = [1, 1]
     chosen: list[Callable[[], int]] = [
-        lambda: ten(scene.problem(scene.prepared())),
-        lambda: ten(scene.problem(scene.prepared(), all_rows=True)),
+        lambda: ten(views_problem(views, prepared(views))),
+        lambda: ten(views_problem(views, prepared(views), all_rows=True)),
     ]
     if not prepares:
         shares = [ten(problem) for problem in problems]
@@ -168,17 +173,15 @@ def _size_ratio(prepares: bool) -> dict[str, Any]:
 
     The band keeps its width in the world, so it is 8 times as many pixels, as in tracking; rows are as far apart as there.
     """
-    few, many = ThreeViews.of((320, 240)), ThreeViews.of((2560, 1920))
-    if prepares:
-        small, large = few.prepared, many.prepared
-    else:
-        seen = few.prepared(), many.prepared()
-        problems = few.problem(seen[0], WIDE_PX / 2), many.problem(seen[1], WIDE_PX * 4)
-        starts = few.start, many.start
-        small, large = (
-            lambda problem=problem, start=start: problem.linearize(start)
-            for problem, start in zip(problems, starts, strict=True)
-        )
+    timed: list[Callable[[], Any]] = []
+    for size, band_px in (((320, 240), WIDE_PX / 2), ((2560, 1920), WIDE_PX * 4)):
+        views = views_scene(size)
+        if prepares:
+            timed.append(partial(prepared, views))
+        else:
+            problem = views_problem(views, prepared(views), band_px)
+            timed.append(partial(problem.linearize, views[2]))
+    small, large = timed
     ours, reference = alternating_timings([large, small], _ROUNDS // 2)
     return ratio_figures(
         ours, [reference], "the same with 3 × 320 × 240 pixels instead of 2560 × 1920"

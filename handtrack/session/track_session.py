@@ -94,7 +94,6 @@ class Ended:
     """The last event. Cancelled, or ended by input that cannot be used, `results` are the frames before that."""
 
     run: TrackingRun
-    frames: range
     results: Sequence[FrameResult]
     """ascending; fixed poses among them"""
     refinement: Refinement | None = None
@@ -491,7 +490,6 @@ class _Tracking(Observer):
                 )
         return Ended(
             run,
-            self._request.frames,
             [results[frame] for frame in sorted(results)],
             None if self._refined is None else self._refined.refinement,
             self._stops(),

@@ -48,11 +48,9 @@ class _Frame:
     stepped: Searched | None = None
     """without searches"""
     beside: Future[Searched] | None = None
-    """a whole step with its searches, made beside"""
+    """a whole step with its searches, made beside; where the step without any failed, its error, told once the frames before are settled"""
     dropped: threading.Event = field(default_factory=threading.Event)
     """set where nobody waits for it any longer"""
-    failure: Exception | None = None
-    """instead of a result: told once the frames before it are settled"""
 
 
 class SpeculativeExecution:
@@ -141,7 +139,7 @@ class SpeculativeExecution:
     def _next(self, numbers: Iterator[int]) -> int | None:
         if self._again:
             return self._again.popleft()
-        if self._ahead and self._ahead[-1].failure is not None:
+        if self._ahead and self._ahead[-1].stepped is None:
             return None
         return next(numbers, None)
 
@@ -155,7 +153,8 @@ class SpeculativeExecution:
             seen = self._observe(number, self._tracker.expected_bones(before, number))
             after, result, due = self._tracker.step_without_search(before, seen, control)
         except Exception as problem:  # an earlier frame's search may lead elsewhere
-            frame.failure = problem
+            frame.beside = Future()
+            frame.beside.set_exception(problem)
             return
         self._state, frame.stepped = after, (after, result, reports)
         if self._control.should_stop():
@@ -176,12 +175,11 @@ class SpeculativeExecution:
 
     def _resolved(self, frame: _Frame) -> Stepped | None:
         """Return a frame as it holds, None when stopped. Where it holds otherwise than it stood, those after it are due anew."""
-        if frame.failure is not None:
-            raise frame.failure
+        found_beside = frame.beside and frame.beside.result()
         assert frame.stepped is not None
         after, result, reports = frame.stepped
-        if frame.beside is not None:
-            searched, found, reports = frame.beside.result()
+        if found_beside is not None:
+            searched, found, reports = found_beside
             if self._control.should_stop():
                 return None
             is_better = _is_changed(result, found)

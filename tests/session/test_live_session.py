@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-import handtrack.session.live_session as live_session
-from handtrack.session.live_session import open_live
+from handtrack.session import live_session
 from tests.live_cameras import ScriptedDevice
 
 SKIN = (105, 135, 205)  # BGR
@@ -28,7 +27,7 @@ class Studio:
             return self.devices[device]
 
         monkeypatch.setattr(live_session, "open_device", opened)
-        self.session = open_live(folder, {}, tolerance_s=600.0)
+        self.session = live_session.open_live(folder, {}, tolerance_s=600.0)
         for device in self.devices.values():
             device.begin()
 

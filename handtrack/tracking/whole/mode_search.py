@@ -164,10 +164,16 @@ class ModeSearch:
 
     likelihood: RecordingLikelihood
     tracked: Sequence[FrameResult]
-    poses: Floats[F, P]
-    """solver parameters: as tracked, bridged where the hand was lost"""
-    control: Control
     minima: list[list[Minimum]] = field(init=False, default_factory=list)
+
+    @property
+    def control(self) -> Control:
+        return self.likelihood.recording.control
+
+    @cached_property
+    def poses(self) -> Floats[F, P]:
+        """Solver parameters: as tracked, bridged where the hand was lost."""
+        return np.array([self.likelihood.around[result.frame] for result in self.tracked])
 
     @cached_property
     def motion(self) -> Motion:

@@ -177,7 +177,7 @@ def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> Recordi
 def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate on the Viterbi path through the modes of its frames. Raises StoppedError."""
     tracked, numbers, likelihood = estimate.tracked, estimate.frames, estimate.likelihood
-    search = ModeSearch(likelihood, tracked, estimate.poses, estimate.control)
+    search = ModeSearch(likelihood, tracked)
     gathered = search.gathered()
     if gathered is None:
         raise StoppedError

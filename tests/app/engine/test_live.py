@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-import handtrack.session.live_session as live_session
 from handtrack import Session, TrackingRun, read_npz
+from handtrack.session import live_session
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.process.child import LiveOptions
 from handtrack_app.protocol import snapshots

@@ -6,10 +6,10 @@ import threading
 import numpy as np
 from numpy.testing import assert_allclose
 
-import handtrack.session.sources.video_audits as video_audits
 from handtrack import Session, evaluate, read_npz
 from handtrack.session import bundled
 from handtrack.session.layout import POSES_FILE
+from handtrack.session.sources import video_audits
 from handtrack.tracking.search import initialize
 from handtrack_app.engine import opening
 from handtrack_app.engine.opening import nothing_observed

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from handtrack import Session, TrackerState, TrackingRun, bundled_session
-from handtrack.bench.iterations import SIGMA_M, ThreeViews, cloud_scene
+from handtrack.bench.iterations import SIGMA_M, cloud_scene, prepared, views_problem, views_scene
 from handtrack.bench.measuring import alone, alternating_timings, ratio_figures
 from handtrack.session.takes import about_take
 from handtrack.solver.problem import Problem
@@ -44,8 +44,8 @@ def growth() -> dict[str, Any]:
 @alone
 def cameras(rounds: int = 20) -> dict[str, Any]:
     """Return an iteration's time with 12 cameras, the reference being 3."""
-    scenes = [ThreeViews.of(cameras=count) for count in (12, 3)]
-    problems = [(scene.problem(scene.prepared()), scene.start) for scene in scenes]
+    scenes = [views_scene(cameras=count) for count in (12, 3)]
+    problems = [(views_problem(scene, prepared(scene)), scene[2]) for scene in scenes]
     ours, reference = alternating_timings(
         [lambda p=problem, x=start: p.linearize(x) for problem, start in problems], rounds
     )
