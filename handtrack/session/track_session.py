@@ -94,6 +94,8 @@ class Ended:
     """The last event. Cancelled, or ended by input that cannot be used, `results` are the frames before that."""
 
     run: TrackingRun
+    frames: range
+    """asked for, up to where the recording ends"""
     results: Sequence[FrameResult]
     """ascending; fixed poses among them"""
     refinement: Refinement | None = None
@@ -490,6 +492,7 @@ class _Tracking(Observer):
                 )
         return Ended(
             run,
+            self._request.frames,
             [results[frame] for frame in sorted(results)],
             None if self._refined is None else self._refined.refinement,
             self._stops(),

@@ -123,8 +123,7 @@ def run(options: Namespace) -> int:
             with progress:
                 end, warnings = progress.follow(track_session(run_, request, control, take), stop)
             stop.shielded = True  # from here on it is saved
-            since = began if options.json else None
-            code = _save(end, request.frames, out, take, warnings, since)
+            code = _save(end, out, take, warnings, began if options.json else None)
             if options.explain is not None:
                 there = next((r for r in end.results if r.frame == options.explain), None)
                 text = "\n".join(explained(options.explain, progress.reports, there))
@@ -139,16 +138,11 @@ def run(options: Namespace) -> int:
 
 
 def _save(
-    end: Ended,
-    frames: range,
-    out: Path,
-    take: TakeRecorder,
-    warnings: Sequence[str],
-    json_since: float | None,
+    end: Ended, out: Path, take: TakeRecorder, warnings: Sequence[str], json_since: float | None
 ) -> int:
-    """Write the result of asked frames and report how it went, as JSON where `json_since` says when it began [s]."""
+    """Write the result and report how it went, as JSON where `json_since` says when it began [s]."""
     take.check()
-    run, results = end.run, end.results
+    run, results, frames = end.run, end.results, end.frames
     if not results:
         print_status("handtrack track: interrupted before the first frame; nothing was saved.")
         return INTERRUPTED
