@@ -35,7 +35,7 @@ def fit_person(
     ----------
     seen, poses
         Ascending; solver parameters of each, already found.
-    tell
+    report
         Is called with the share that is done.
     """
     observed, current = {one.frame: replace(one, images=()) for one in seen}, np.array(poses)

@@ -126,15 +126,15 @@ class Stage:
         with self._drawing:
             display, pose = self.display, self.pose
             self.ghosts.show(display.ghosts, pose.frame)
-            self._draw_hand()
+            self._draw_hand(display, pose)
             self.hand.show_truth(pose, display.truth)
             # the handle of the whole hand; not at a pose that is only looked at
             put(self.root.control, visible=display.handle and pose.origin != BEFORE)
         self.looking.place(display.field, pose.middle, self._larger)
 
-    def _draw_hand(self) -> None:
+    def _draw_hand(self, display: Display, pose: PoseSnapshot) -> None:
         """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""
-        display, pose, state = self.display, self.pose, self.page.state
+        state = self.page.state
         still = not (state.playing or state.tracking)
         made_of = pose.frame, pose.version, self.session.model
         ready = still and display.surface and self._surface_at == made_of
