@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, fields, replace
+from dataclasses import MISSING, dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from handtrack.arrays import D3, D21, Floats, P, S, evenly_spread
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.pins import Pin
 from handtrack.observation.truth import mean_error_mm
@@ -156,6 +158,26 @@ def pinning(pins: Mapping[int, Sequence[Pin]]) -> Edit:
 
 
 # ---- The document
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """The model as it is posed at a frame: what pictures are made from; nothing of it changes later."""
+
+    frame: int
+    run: TrackingRun
+    bones: BonePoses
+
+    @cached_property
+    def ellipsoids(self) -> Ellipsoids:
+        """The model's, as it is posed."""
+        return self.run.model.ellipsoids["fine"].posed(self.bones)
+
+    @property
+    def aside(self) -> int:
+        """The bone that a close picture may cut off: a hand's forearm; −1 where there is none."""
+        model = self.run.model
+        return model.skeleton.bone("forearm") if model.has_forearm else -1
 
 
 _COMPARED = 20  # tracked frames by which cameras are compared; lost ones among them do not count
@@ -440,6 +462,11 @@ class Document:
     def displayed(self) -> Floats[S]:
         """The joint parameters (S,) of the pose that is looked at: as it is, or as it was before."""
         return self.shown if self.before is None else self.before
+
+    @property
+    def moment(self) -> Moment:
+        """What is looked at."""
+        return Moment(self.frame, self.run, self.model.bones_within_limits(self.displayed))
 
     def clamped(self, frame: int) -> int:
         """Return the nearest frame of the session."""

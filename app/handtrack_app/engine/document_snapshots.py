@@ -158,9 +158,8 @@ def possible_masks(document: Document, view: View) -> tuple[str, ...]:
 
 def pose_snapshot(document: Document) -> PoseSnapshot:
     """Return the hand as it is shown."""
-    model, frame = document.model, document.frame
-    bones = model.bones_within_limits(document.displayed)
-    posed = model.ellipsoids["fine"].posed(bones)
+    model, frame, moment = document.model, document.frame, document.moment
+    bones, posed = moment.bones, moment.ellipsoids
     result = document.results.get(frame)
     is_now = document.before is None
     by_hand = frame in document.by_hand

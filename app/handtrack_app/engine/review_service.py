@@ -9,11 +9,11 @@ import numpy as np
 
 from handtrack.diagnostics.metrics import BENT_JOINTS
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
-from handtrack.session.session import Session
+from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import decide
 from handtrack.tracking.frame.result import FrameResult
+from handtrack_app.engine.document import Moment
 from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.service import Service
@@ -73,14 +73,10 @@ class ReviewService(Service):
     @Command(view=True, latest=())
     def want_close(self, frames: tuple[int, ...]) -> None:
         """Show small pictures of these frames, where they are tracked."""
-        document = self.document
+        document, maker = self.document, self.opened.painter.maker
         results = [document.results[frame] for frame in frames if frame in document.results]
-        self.opened.render_thread.ask(
-            "close",
-            partial(
-                close_pictures, self.opened.painter.maker, document.session, document.model, results
-            ),
-        )
+        make = partial(close_pictures, maker, document.run, results)
+        self.opened.render_thread.ask("close", make)
 
     @Command(view=True, latest=())
     def want_curves(self, names: tuple[str, ...]) -> None:
@@ -111,20 +107,13 @@ class ReviewService(Service):
 
 
 def close_pictures(
-    maker: CameraPictures,
-    session: Session,
-    model: ArticulatedModel,
-    results: Iterable[FrameResult],
+    maker: CameraPictures, run: TrackingRun, results: Iterable[FrameResult]
 ) -> CloseSnapshot:
     """Return small pictures of tracked frames: of the camera that a low confidence names, else of the first. On the render thread only."""
-    maker.session = session
-    names, aside = session.rig.names, model.skeleton.bone("forearm") if model.has_forearm else -1
-    pictures = {}
+    names, pictures = run.session.rig.names, {}
     for result in results:
         camera = "" if result.reason is None else result.reason.camera
-        ellipsoids = model.ellipsoids["fine"].posed(model.bones_within_limits(result.parameters))
-        close = maker.screen(
-            camera if camera in names else names[0], result.frame, "close", ellipsoids, None, aside
-        )
+        moment = Moment(result.frame, run, run.model.bones_within_limits(result.parameters))
+        close = maker.painted(moment, camera if camera in names else names[0], "close")
         pictures[result.frame] = shrunk(close)
     return CloseSnapshot(pictures)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import suppress
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from handtrack.session.session_state import Edit
-from handtrack_app.protocol.calls import Mailbox
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
 if TYPE_CHECKING:
@@ -85,50 +85,31 @@ class NewestFirst(Generic[Made]):
     def __init__(self, take: Callable[[Made], None], name: str) -> None:
         """take: gets what is made, on the thread of this name."""
         self._take = take
-        self._mail: Mailbox[tuple[str, Callable[[], Made | None]]] = Mailbox(lambda order: order[0])
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
+        self._thread = ThreadPoolExecutor(1, name)
+        self._newest: dict[str, Future[None]] = {}
 
-    def start(self) -> None:
-        self._thread.start()
-
-    def stop(self, timeout: float = 5.0) -> None:
-        """End the thread, after what it is making."""
-        self._stopping.set()
-        self._mail.close()
-        if self._thread.is_alive():
-            self._thread.join(timeout)
+    def stop(self) -> None:
+        """Make no more after what is being made."""
+        self._thread.shutdown(wait=False, cancel_futures=True)
 
     def ask(self, kind: str, make: Callable[[], Made | None]) -> None:
         """Have something made and taken; a waiting order of this kind is dropped."""
-        self._mail.put((kind, make))
+        if (before := self._newest.get(kind)) is not None:
+            before.cancel()
+        self._newest[kind] = self._thread.submit(self._serve, make)
 
-    def wait_for(self, kind: str, make: Callable[[], Made | None]) -> Made | None:
+    def wait_for(self, make: Callable[[], Made | None]) -> Made | None:
         """Have something made, and wait for it; None where it cannot be."""
-        made, done = list[Made | None](), threading.Event()
+        with suppress(CancelledError):
+            return self._thread.submit(self._made, make).result()
+        return None
 
-        def make_and_signal() -> None:
-            try:
-                made.append(make())
-            finally:
-                done.set()
-
-        self.ask(f"{kind}, waited for", make_and_signal)
-        while not done.wait(0.1):
-            if self._stopping.is_set():
-                return None
-        return made[0] if made else None
-
-    def _work(self) -> None:
-        while not self._stopping.is_set():
-            order = self._mail.take(0.2)
-            if order is not None:
-                self._serve(*order)
-
-    def _serve(self, kind: str, make: Callable[[], Made | None]) -> None:
-        made = make()
-        if made is not None:
+    def _serve(self, make: Callable[[], Made | None]) -> None:
+        if (made := self._made(make)) is not None:
             self._take(made)
+
+    def _made(self, make: Callable[[], Made | None]) -> Made | None:
+        return make()
 
 
 class RenderThread(NewestFirst[Snapshot]):
@@ -138,11 +119,12 @@ class RenderThread(NewestFirst[Snapshot]):
         super().__init__(publish, "render")
         self._said: Notice | None = None
 
-    def _serve(self, kind: str, make: Callable[[], Snapshot | None]) -> None:
+    def _made(self, make: Callable[[], Snapshot | None]) -> Snapshot | None:
         try:
-            super()._serve(kind, make)
+            return make()
         except Exception as error:
             notice = Notice.of_error(error, "That cannot be shown")
             if notice != self._said:  # the next frame would say the same
                 self._said = notice
                 self._take(notice)
+        return None

@@ -46,7 +46,6 @@ class TuningService(Service):
         self._order: _Order | None = None
         """the newest; any other is given up at its next solver step"""
         self._fitting = NewestFirst[Callable[[], None]](opened.post, "refitting")
-        self._fitting.start()
 
     @Command(edits=True, files=True)
     def save_to_file(self, kind: FileKind) -> None:

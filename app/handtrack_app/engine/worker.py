@@ -83,7 +83,6 @@ class Worker:
 
     def start(self) -> None:
         self._thread.start()
-        self._render_thread.start()
 
     def send(self, call: Call) -> None:
         """Take a call; returns at once. Stopping and pausing act before the call's turn."""
@@ -98,7 +97,7 @@ class Worker:
             self.session.jobs.stop(timeout)
         self._mail.close()
         self._thread.join(timeout)
-        self._render_thread.stop(timeout)
+        self._render_thread.stop()
         self._compiles.close()
         self._recorder.close()
 
@@ -165,7 +164,7 @@ class Worker:
         self._preview = Preview(document, self._publish, self._render_thread)
         self._preview.show_frame(document.first_frame)
         self._publish(ProgressSnapshot("opening", _PREPARING))
-        self._render_thread.wait_for("first pictures", lambda: None)  # which are made before
+        self._render_thread.wait_for(lambda: None)  # which are made before
         self._set_shown()
 
     def _set_shown(self) -> None:

@@ -103,13 +103,13 @@ class Witness:
 def bench(tmp_path, monkeypatch):
     """Frames and pictures take a while, and nothing of another frame is shown, not for a moment."""
     monkeypatch.setattr(camera_view, "_MOMENT_S", 0.0)
-    painted = CameraPictures.screen
+    painted = CameraPictures.painted
 
-    def late(self, *given):
-        time.sleep(0.05)
-        return painted(self, *given)
+    def late(*given, **small):
+        time.sleep(0.0 if small else 0.05)
+        return painted(*given, **small)
 
-    monkeypatch.setattr(CameraPictures, "screen", late)
+    monkeypatch.setattr(CameraPictures, "painted", late)
     with shown(tmp_path, opener=partial(fake_document, step_s=0.05)) as slow:
         yield slow
 

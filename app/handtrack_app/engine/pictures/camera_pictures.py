@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -22,13 +22,9 @@ from handtrack.diagnostics.residuals import (
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.ellipsoids import Ellipsoids
-from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Silhouette
 from handtrack.parallel import LRUCache
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.session.sources.views import View
-from handtrack_app.engine.document import Document
+from handtrack_app.engine.document import Document, Moment
 from handtrack_app.engine.service import FramePictures, RenderThread
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.palette import FILTERS, KEPT, REJECTS
@@ -54,25 +50,19 @@ def as_wide(image: Bytes[H, W, D3], width: int) -> Bytes[H, W, D3]:
 
 
 class CameraPictures:
-    """Makes pictures of a session's cameras; keeps the last ones, for posing redraws the same frame."""
+    """Makes pictures of cameras; keeps the last ones, for posing redraws the same frame."""
 
-    def __init__(self, session: Session) -> None:
-        self.session = session
-        """as it is now"""
+    def __init__(self) -> None:
         self._maps: dict[Camera, Sequence[Array]] = {}
         self._plain = LRUCache[tuple[Camera, int], Bytes]()
 
-    def camera(self, name: str) -> Camera:
-        return self.session.rig[name]
-
-    def plain(self, name: str, frame: int) -> Bytes[H, W, D3]:
+    def plain(self, view: View, frame: int) -> Bytes[H, W, D3]:
         """Return a camera's undistorted picture RGB; its silhouette where it has no images."""
-        key = self.camera(name), frame
-        return self._plain.value(key, lambda: self._read(name, frame), lambda _: _KEPT)
+        key = view.camera, frame
+        return self._plain.value(key, lambda: self._read(view, frame), lambda _: _KEPT)
 
-    def straight(self, name: str, image: Array[H, W, *Axes]) -> Bytes[H, W, *Axes]:
+    def straight(self, camera: Camera, image: Array[H, W, *Axes]) -> Bytes[H, W, *Axes]:
         """Return a camera's image, or a layer over it, without the lens's distortion."""
-        camera = self.camera(name)
         if not camera.is_distorted:
             return image  # type: ignore[return-value]
         if camera not in self._maps:
@@ -87,41 +77,36 @@ class CameraPictures:
         kind = cv2.INTER_LINEAR if image.ndim > 2 else cv2.INTER_NEAREST
         return cv2.remap(image, *self._maps[camera], kind)  # type: ignore[return-value]
 
-    def thumbnail(
-        self, name: str, frame: int, paint: str, ellipsoids: Ellipsoids
-    ) -> Bytes[H, W, D3]:
-        """Return a small picture: the model's field, or the image with its outline unless `paint` is `plain`."""
-        small = shrunk(self.plain(name, frame))
-        camera = self.camera(name).without_distortion().scaled((small.shape[1], small.shape[0]))
-        return _painted(small, camera, "outline" if paint == "residual" else paint, ellipsoids)
+    def painted(self, moment: Moment, name: str, over: str, small: bool = False) -> Bytes[H, W, D3]:
+        """Return a camera's undistorted picture with the model of a moment painted over it.
 
-    def screen(
-        self,
-        name: str,
-        frame: int,
-        paint: str,
-        ellipsoids: Ellipsoids,
-        silhouette: Silhouette | None,
-        aside: int = -1,
-    ) -> Bytes[H, W, D3]:
-        """Return the large picture with the model painted over it.
-
-        paint: `plain`, `outline`, `residual`, `field`, or `close` for the outline on what is near the model; silhouette: where there is one; aside: a bone
-        that a close picture may cut off.
+        over: `outline`, `field` in place of the image, `residual` against the masks with a detector's joints, of a small picture the
+        outline; `close` for the outline on what is near the model; else nothing.
         """
-        image = self.plain(name, frame)
-        camera = self.camera(name).without_distortion()
-        if paint == "close":
-            return close_up(image, camera, ellipsoids, aside)
-        if paint == "residual" and silhouette is not None:
-            return residual_picture(image, camera, ellipsoids, silhouette.mask)
-        return _painted(image, camera, paint, ellipsoids)
+        session = moment.run.session
+        view = session.view(name)
+        image, camera = self.plain(view, moment.frame), view.camera.without_distortion()
+        if small:
+            image = shrunk(image)
+            camera = camera.scaled((image.shape[1], image.shape[0]))
+        match over:
+            case "field":
+                return field_picture(camera, moment.ellipsoids)
+            case "close":
+                return close_up(image, camera, moment.ellipsoids, moment.aside)
+            case "residual" if not small:
+                observed = session.observation(moment.frame, cloud=False).silhouettes
+                for silhouette in (s for s in observed if s.camera.name == name):
+                    image = residual_picture(image, camera, moment.ellipsoids, silhouette.mask)
+                return joints_picture(image, _joints(moment, view))
+            case "outline" | "residual":
+                return outline_picture(image, camera, moment.ellipsoids)
+        return image
 
-    def _read(self, name: str, frame: int) -> Bytes:
-        view = self.session.view(name)
+    def _read(self, view: View, frame: int) -> Bytes:
         bgr = view.image(frame)
         if bgr is not None:
-            return self.straight(name, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))  # type: ignore[return-value]
+            return self.straight(view.camera, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))  # type: ignore[return-value]
         depth = None if view.camera.is_distorted else view.depth_m(frame)
         if depth is not None:
             return depth_picture(depth)
@@ -132,14 +117,6 @@ class CameraPictures:
             return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
         width, height = view.camera.size
         return np.full((height, width, 3), _DARK, np.uint8)
-
-
-def _painted(
-    image: Bytes[H, W, D3], camera: Camera, paint: str, ellipsoids: Ellipsoids
-) -> Bytes[H, W, D3]:
-    if paint == "field":
-        return field_picture(camera, ellipsoids)
-    return outline_picture(image, camera, ellipsoids) if paint == "outline" else image
 
 
 CLOSE_SIZE = (640, 480)
@@ -325,7 +302,7 @@ class Painter(FramePictures):
         self, document: Document, publish: Callable[[Snapshot], None], thread: RenderThread
     ) -> None:
         self._document, self._publish, self._thread = document, publish, thread
-        self.maker = CameraPictures(document.session)
+        self.maker = CameraPictures()
         """for the render thread alone"""
 
     @Command(view=True, latest=())
@@ -357,46 +334,36 @@ class Painter(FramePictures):
         """Return all that the page wants of the frame shown, in one; None where it wants nothing. Takes its time."""
         if not self.is_wanted:
             return None
-        made = self._thread.wait_for("pictures", self._make(lambda _: None))
+        made = self._thread.wait_for(self._make(lambda _: None))
         return made if isinstance(made, PictureSnapshot) else None
 
     def _make(self, publish: Callable[[Snapshot], None]) -> Callable[[], PictureSnapshot]:
         """Return what makes them on the render thread. publish: gets the large ones, which come first."""
-        run, frame, maker = self._document.run, self._document.frame, self.maker
-        bones = run.model.bones_within_limits(self._document.displayed)
+        moment, maker = self._document.moment, self.maker
+        session, frame = moment.run.session, moment.frame
         small, over_small, masks = self._thumbnails, self._paint, self._masks
         screens = [one for one in self._screens if one[1] != "mask"]
         masked = [name for name, over in self._screens if over == "mask"]
 
         def make() -> PictureSnapshot:
-            session, made = run.session, PictureSnapshot(frame)
-            maker.session = session
-            ellipsoids = run.model.ellipsoids["fine"].posed(bones)
-            aside = run.model.skeleton.bone("forearm") if run.model.has_forearm else -1
+            made = PictureSnapshot(frame)
             for camera, over in screens:
-                silhouette = joints = None
-                if over == "residual":
-                    observed = session.observation(frame, cloud=False).silhouettes
-                    silhouette = next((s for s in observed if s.camera.name == camera), None)
-                    joints = _joints(run, camera, frame, bones)
-                screen = maker.screen(camera, frame, over, ellipsoids, silhouette, aside)
-                screen = screen if joints is None else joints_picture(screen, joints)
-                made.screens[camera, over] = screen
+                made.screens[camera, over] = maker.painted(moment, camera, over)
             if screens and (small or masks or masked):
                 publish(PictureSnapshot(frame, screens=made.screens))
             for camera in session.rig.names if small else ():
-                made.thumbnails[camera] = maker.thumbnail(camera, frame, over_small, ellipsoids)
-            add_masks(made, maker, masks, masked)
+                made.thumbnails[camera] = maker.painted(moment, camera, over_small, small=True)
+            add_masks(made, maker, session.views, masks, masked)
             return made
 
         return make
 
 
-def _joints(run: TrackingRun, camera: str, frame: int, bones: BonePoses) -> Floats[N, D2, D2]:
+def _joints(moment: Moment, view: View) -> Floats[N, D2, D2]:
     """Return where a detector saw a camera's joints and where the model has them [px], of those that both have."""
-    model, sigma_px = run.model, run.settings.keypoints.detected_px
-    places = model.joint_positions(bones)
-    observed = run.session.view(camera).keypoints(frame, sigma_px)
+    run, model = moment.run, moment.run.model
+    sigma_px, places = run.settings.keypoints.detected_px, model.joint_positions(moment.bones)
+    observed = view.keypoints(moment.frame, sigma_px)
     pairs = [joint_pairs(joints, model.joint_names, places) for joints in observed]
     return np.concatenate([np.zeros((0, 2, 2)), *pairs])
 
@@ -409,20 +376,24 @@ _CORRECTED = (86, 180, 233)
 
 
 def add_masks(
-    made: PictureSnapshot, maker: CameraPictures, on_all: bool, looked_at: Iterable[str]
+    made: PictureSnapshot,
+    maker: CameraPictures,
+    views: Iterable[View],
+    on_all: bool,
+    looked_at: Collection[str],
 ) -> None:
     """Add a frame's masks over the images: small ones of all cameras, and large ones of those that are looked at.
 
     What cannot be made of a camera is told, and the others are shown. On the render thread only.
     """
-    for view in maker.session.views:
+    for view in views:
         if not on_all and view.name not in looked_at:
             continue
         try:
             large = _masked(maker, view, made.frame)
             made.corrected[view.name] = _corrected_words(view, made.frame)
         except HandtrackError as error:
-            large = maker.plain(view.name, made.frame)
+            large = maker.plain(view, made.frame)
             made.problems.append(str(error))
         if view.name in looked_at:
             made.screens[view.name, "mask"] = large
@@ -431,7 +402,7 @@ def add_masks(
 
 
 def _masked(maker: CameraPictures, view: View, frame: int) -> Bytes[H, W, D3]:
-    image, silhouette = maker.plain(view.name, frame), view.silhouette(frame)
+    image, silhouette = maker.plain(view, frame), view.silhouette(frame)
     if silhouette is None:
         return image
     picture = mask_picture(image, silhouette)
@@ -439,7 +410,7 @@ def _masked(maker: CameraPictures, view: View, frame: int) -> Bytes[H, W, D3]:
     layer = None if own is None else view.corrections.layer(own)
     if layer is not None:
         marked = np.where(layer != AS_IT_IS, np.uint8(255), np.uint8(0))
-        straight = maker.straight(view.name, marked)
+        straight = maker.straight(view.camera, marked)
         lines, _ = cv2.findContours(straight, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         cv2.drawContours(picture, lines, -1, _CORRECTED, 1)
     return picture

@@ -20,13 +20,12 @@ from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
-from handtrack.session.run import TrackingRun
 from handtrack.session.session_file import CloudSettings
 from handtrack.session.session_state import decide
 from handtrack.session.sources.skin_samples import painted_skin
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
-from handtrack_app.engine.document import Document
+from handtrack_app.engine.document import Document, Moment
 from handtrack_app.engine.document_snapshots import cloud_card
 from handtrack_app.engine.pictures.camera_pictures import (
     NARROW_PX,
@@ -55,13 +54,10 @@ _LEAST_SLOPE = 0.3  # of the distance; deep inside it has none
 
 
 @dataclass(frozen=True, eq=False)
-class RenderInput:
-    """What a picture of a frame is made from; nothing of it changes later."""
+class CloudMoment(Moment):
+    """A moment, and what is shown of clouds there."""
 
-    frame: int
     version: int
-    run: TrackingRun
-    bones: BonePoses
     previous: BonePoses | None
     """the hand that the cloud is cropped to; None before the hand has a place"""
     wanted: CloudSelection
@@ -82,7 +78,7 @@ class CloudRenderer:
         self._painted: tuple[object, ...] = ()
         """what the last picture was made from"""
 
-    def surface(self, moment: RenderInput) -> SurfaceSnapshot:
+    def surface(self, moment: CloudMoment) -> SurfaceSnapshot:
         spacing = _SPACING_M if moment.run.model.kind == "hand" else _BODY_SPACING_M
         mesh = surface_mesh(moment.surface, moment.bones, spacing)
         return SurfaceSnapshot(
@@ -92,7 +88,7 @@ class CloudRenderer:
             mesh.faces.astype(np.uint32),
         )
 
-    def cloud(self, moment: RenderInput) -> CloudSnapshot:
+    def cloud(self, moment: CloudMoment) -> CloudSnapshot:
         measured, fate, reports = self._filtered(moment)
         if measured is None:
             none, far = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
@@ -119,23 +115,23 @@ class CloudRenderer:
             words,
         )
 
-    def images(self, moment: RenderInput) -> CloudPicture | None:
+    def images(self, moment: CloudMoment) -> CloudPicture | None:
         """Return the cameras' pictures with the points; None where they would be those of the last time."""
         measured, fate, reports = self._filtered(moment)
         if self._is_painted(moment.frame, moment.wanted, fate):
             return None
         measured = measured or EMPTY
         names = tuple(report.name for report in reports)
-        self._pictures.session = moment.run.session
+        views = map(moment.run.session.view, _cameras(moment))
         return _picture(moment, {
-            name: points_picture(
-                self._pictures.plain(name, moment.frame), moment.run.session.rig[name].without_distortion(), measured.points, fate,
+            view.name: points_picture(
+                self._pictures.plain(view, moment.frame), view.camera.without_distortion(), measured.points, fate,
                 names, _width(moment),
             )
-            for name in _cameras(moment)
+            for view in views
         })  # fmt: skip
 
-    def stereo(self, moment: RenderInput, pair: tuple[str, str]) -> CloudPicture | None:
+    def stereo(self, moment: CloudMoment, pair: tuple[str, str]) -> CloudPicture | None:
         """Return how a pair is matched; None where it would be the picture of the last time."""
         session, frame = moment.run.session, moment.frame
         settings = (session.file.clouds or CloudSettings()).matching
@@ -167,7 +163,7 @@ class CloudRenderer:
         )
 
     def _filtered(
-        self, moment: RenderInput
+        self, moment: CloudMoment
     ) -> tuple[PointCloud | None, Array, tuple[FilterReport, ...]]:
         """Return the measured cloud, which filter dropped each point, and what the filters did."""
         session = moment.run.session
@@ -186,11 +182,11 @@ class CloudRenderer:
         return self._known[1:]
 
 
-def _width(moment: RenderInput) -> int:
+def _width(moment: CloudMoment) -> int:
     return WIDE_PX if moment.wanted.wide else NARROW_PX
 
 
-def _picture(moment: RenderInput, images: dict[str, Bytes], words: str = "") -> CloudPicture:
+def _picture(moment: CloudMoment, images: dict[str, Bytes], words: str = "") -> CloudPicture:
     return CloudPicture(moment.frame, images, moment.wanted.wide, words)
 
 
@@ -208,7 +204,7 @@ def nothing_left(reports: tuple[FilterReport, ...]) -> str:
     return f"No point is left: the filter '{last.text}' dropped the last {last.before}. {said}".rstrip()
 
 
-def _residual_mm(moment: RenderInput, points: Floats) -> Floats:
+def _residual_mm(moment: CloudMoment, points: Floats) -> Floats:
     """Return the distances to the surface (N,) [mm], to first order: the solver's own grows faster beside an
     ellipsoid's ends than millimetres do.
     """
@@ -219,7 +215,7 @@ def _residual_mm(moment: RenderInput, points: Floats) -> Floats:
     return 1e3 * distance / np.maximum(slope, _LEAST_SLOPE)
 
 
-def _cameras(moment: RenderInput) -> tuple[str, ...]:
+def _cameras(moment: CloudMoment) -> tuple[str, ...]:
     """Return the cameras whose pictures are shown: those that measured, at most two."""
     settings = moment.run.session.file.clouds or CloudSettings()
     paired = moment.wanted.pair or (settings.stereo[0] if settings.stereo else ())
@@ -267,16 +263,12 @@ class CloudService(Service, FramePictures):
             if pair is not None:
                 self.opened.render_thread.ask("picture", lambda: maker.stereo(moment, pair))
 
-    def _moment(self) -> RenderInput:
-        document, model = self.document, self.document.model
-        bones = model.bones_within_limits(document.displayed)
-        before = document.frame - 1
-        previous = bones if document.is_posed else None
+    def _moment(self) -> CloudMoment:
+        document, now = self.document, self.document.moment
+        before, previous = document.frame - 1, now.bones if document.is_posed else None
         if before in document.by_hand or before in document.results:
-            previous = model.bones_within_limits(document.pose_at(before))
-        return RenderInput(
-            document.frame, document.version, document.run, bones, previous, self._wanted
-        )
+            previous = document.model.bones_within_limits(document.pose_at(before))
+        return CloudMoment(now.frame, now.run, now.bones, document.version, previous, self._wanted)
 
     # ---- settings
 
