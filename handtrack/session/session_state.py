@@ -106,8 +106,6 @@ def _own_form(of: Callable[[Any], Any], write: Callable[[Any], Value], **default
     return field(metadata={"read": of, "write": write}, **default)
 
 
-Frames = tuple[tuple[int, int], ...]
-"""a mark: the frames that have it, half-open"""
 Key = tuple[str, Any]
 """a kind of decision, and the entry of its table; None of a kind without one"""
 
@@ -145,12 +143,17 @@ class SessionState:
     )
     """`TrackingRun.arm_m`; written as whether there is one, or where it ends: JSON has no infinity"""
     start: StartPose | None = None
-    accepted: Frames = ()
-    """frames that a person accepted: no tracking changes what shows there"""
+    accepted: tuple[tuple[int, int], ...] = ()
+    """frames that a person accepted, half-open pairs: no tracking changes what shows there"""
     spans: tuple[Span, ...] = _own_form(
         spans_of, lambda spans: [astuple(s) for s in spans], default=()
     )
     """what the current track is composed of, the uppermost last"""
+
+    @property
+    def accepted_frames(self) -> frozenset[int]:
+        """The frames of `accepted`, one by one."""
+        return frozenset(f for first, stop in self.accepted for f in range(first, stop))
 
     def get(self, key: Key) -> Any:
         """Return what was decided of one thing; None, or nothing, where nothing was."""
@@ -195,7 +198,6 @@ Edit = Callable[[SessionState], SessionState]
 _HINTS: dict[str, Any] = get_type_hints(SessionState)
 _OWN_FORMS = {one.name: one.metadata for one in fields(SessionState) if one.metadata}
 _TABLES = {kind: get_args(hint) for kind, hint in _HINTS.items() if get_origin(hint) is Mapping}
-_MARKS = [kind for kind, hint in _HINTS.items() if hint == Frames]
 _DEFAULTS = {kind: getattr(SessionState(), kind) for kind in _HINTS}
 
 
@@ -225,18 +227,9 @@ NOTHING = in_turn()
 """the edit that changes nothing"""
 
 
-def marking(kind: str, frames: Iterable[int]) -> Edit:
-    """Return the edit by which these frames have a mark, such as `accepted`, and no others."""
-    return decide(**{kind: tuple(number_runs(frames))})
-
-
-def marked_frames(state: SessionState) -> dict[str, frozenset[int]]:
-    """Return the frames that have each mark."""
-    spans: dict[str, Frames] = {kind: getattr(state, kind) for kind in _MARKS}
-    return {
-        kind: frozenset(frame for first, stop in runs for frame in range(first, stop))
-        for kind, runs in spans.items()
-    }
+def accepting(frames: Iterable[int]) -> Edit:
+    """Return the edit by which these frames are accepted, and no others."""
+    return decide(accepted=tuple(number_runs(frames)))
 
 
 # ---- as the store has it

@@ -21,7 +21,7 @@ from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras, wrong_side_warning
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
-from handtrack.session.session_state import marked_frames, readable
+from handtrack.session.session_state import readable
 from handtrack.session.takes import TakeRecorder
 from handtrack.store.store import Store
 from handtrack.tracking.frame.control import Control, Observer
@@ -560,7 +560,7 @@ def posed_frames(
             guides[frame] = pose
         else:
             fixed[frame] = keyframe_result(run, frame, pose)
-    accepted = marked_frames(state)["accepted"]
+    accepted = state.accepted_frames
     for frame in accepted & guides.keys():
         fixed[frame] = keyframe_result(run, frame, guides.pop(frame))
     fixed |= _tracked(store, model, accepted.intersection(frames) - fixed.keys())

@@ -34,7 +34,6 @@ from handtrack.session.session_state import (
     SessionState,
     StartPose,
     decide,
-    marked_frames,
 )
 from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
 from handtrack.session.sources.views import MaskChoice, View
@@ -217,11 +216,10 @@ class Document:
         """likewise, of takes with another model than the one in force, which cannot show"""
         self.rows = TrackedRows(self.frames)
         """what the timeline knows of them"""
-        self.marked = marked_frames(self.state)
-        """frames by the marks that the user has given them"""
+        self.accepted = self.state.accepted_frames
+        """frames that the user has accepted: neither tracking nor refining changes them"""
         self.own_interval = run.model.limits.interval.copy()
-        self._own_size = DecidedSize(run.scale, size_pending)
-        self._own_arm_m = run.arm_m
+        self._own_size, self._own_arm_m = DecidedSize(run.scale, size_pending), run.arm_m
         self._own_start = (self.first_frame, self._start)
         self.frame = self.first_frame
         self.shown = self.start
@@ -249,11 +247,6 @@ class Document:
         """Return joint parameters of the model; those that are not known are the start's."""
         values = {**self._start, **known}
         return np.array([values.get(name, 0.0) for name in self.model.parameter_names])
-
-    @property
-    def accepted(self) -> frozenset[int]:
-        """Frames that the user has accepted: neither tracking nor refining changes them."""
-        return self.marked["accepted"]
 
     def files_read(self) -> dict[str, str]:
         """Return a digest of all that the session is read from; looked at once, for what was read once stays in memory."""
@@ -313,8 +306,8 @@ class Document:
             self.see_frames()
         if changed["spans"]:
             self._lay()
-        if any(changed[kind] for kind in self.marked):
-            self.marked = marked_frames(state)
+        if changed["accepted"]:
+            self.accepted = state.accepted_frames
         for frame in changed["pose"]:
             self._derive_pose(frame)
         for (place, content), own_frame in corrections:

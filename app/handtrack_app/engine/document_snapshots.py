@@ -117,8 +117,7 @@ def cloud_card(document: Document) -> CloudCard:
         source = "stereo" if settings.stereo else "depth" if settings.depth else "files"
         pairs = (*settings.stereo, *(p for p in pairs if p not in settings.stereo))
     in_force = (settings or CloudSettings()).in_force
-    first = next(iter(pairs), None)
-    return CloudCard(source, in_force, with_images, pairs[:_PAIRS], first)
+    return CloudCard(source, in_force, with_images, pairs[:_PAIRS])
 
 
 _NO_IMAGES = (
@@ -206,7 +205,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     searched = tuple(frame for frame in hand if document.decided_pose(frame).found)
     return TimelineSnapshot(
         rows.frames.start, rows.status.copy(), {word: row for word, row in lanes.items() if np.isfinite(row).any()}, hand,
-        searched, document.marked, queue(document), resolved(document.laid, document.takes.frames_of),
+        searched, document.accepted, queue(document), resolved(document.laid, document.takes.frames_of),
         resolved(document.hidden, document.takes.frames_of), document.is_posed,
         {name: one.error.figures for name, one in document.camera_errors.items()},
         document.session.corrected,

@@ -129,8 +129,8 @@ class TimelineSnapshot:
     """frames whose pose was given, by hand or by a search"""
     searched: tuple[int, ...] = ()
     """those of `by_hand` that a search gave"""
-    marked: Mapping[str, frozenset[int]] = field(default_factory=dict)
-    """frames by the marks that the user has given them"""
+    accepted: frozenset[int] = frozenset()
+    """frames that no tracking changes"""
     intervals: tuple[ReviewInterval, ...] = ()
     """worth a look, the worst first"""
     takes: tuple[Span, ...] = ()
@@ -153,11 +153,6 @@ class TimelineSnapshot:
     def has_poses(self) -> bool:
         """Whether a frame was tracked or set."""
         return bool((self.status >= 0).any() or self.by_hand)
-
-    @property
-    def accepted(self) -> frozenset[int]:
-        """Frames that no tracking changes."""
-        return self.marked.get("accepted", frozenset())
 
 
 @dataclass(frozen=True)
@@ -219,9 +214,12 @@ class CloudCard:
     """settings of [clouds] in force by name, with the usual ones filled in; None is off"""
     image_cameras: tuple[str, ...]
     pairs: tuple[tuple[str, str], ...]
-    """pairs of cameras that can be matched"""
-    pair: tuple[str, str] | None
-    """the first pair in use"""
+    """pairs of cameras that can be matched, those in use first"""
+
+    @property
+    def pair(self) -> tuple[str, str] | None:
+        """The first pair."""
+        return next(iter(self.pairs), None)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from handtrack.arrays import D3, Floats, N
 from handtrack.capture.calibration.formats.imported_rig import ImportedRig
 from handtrack.capture.calibration.formats.resolve import LensView
-from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, ImageFiles
+from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, ImageFiles, check_size
 from handtrack.capture.images.openpose import LAYOUTS, is_body
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.given_joints import (
@@ -226,15 +226,9 @@ def check_sizes(recorded: Recorded, camera: Camera, scaled: bool) -> None:
             )
         return
     for given in recorded.files:
-        if given.size in (None, camera.size):
+        if given.size is None or (scaled and scaled_by(camera.size, given.size) is not None):
             continue
-        if scaled and scaled_by(camera.size, given.size) is not None:
-            continue
-        if given.option == _VIDEO:
-            VideoFile(given.files[0], camera.size, given.where)  # says what is wrong with it
-        kind = DEPTH if given.option == _DEPTH else COLOUR
-        source = ImageFiles(list(given.files), kind, camera.size, given.where)
-        source.size  # noqa: B018  says what is wrong with it
+        check_size(given.size, camera.size, given.where)
 
 
 def without_padding(

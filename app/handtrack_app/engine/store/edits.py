@@ -15,9 +15,9 @@ from handtrack.session.session_state import (
     CameraCorrection,
     DecidedSize,
     Edit,
+    accepting,
     decide,
     in_turn,
-    marking,
 )
 from handtrack.store.history import Span
 from handtrack.store.store import clipped, resolved
@@ -34,7 +34,7 @@ def accepted(document: Document, frames: Iterable[int], on: bool) -> Edit:
     """Accept frames as they are, or let them go; those alone that have a pose."""
     named = document.accepted.union(frames) if on else document.accepted.difference(frames)
     now = {f for f in named if f in document.by_hand or f in document.results}
-    return NOTHING if now == document.accepted else marking("accepted", now)
+    return NOTHING if now == document.accepted else accepting(now)
 
 
 def restored(document: Document, number: int) -> Edit:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import json
 import logging
+import shutil
 import tempfile
 import threading
 import time
-import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -586,15 +585,11 @@ def exported(
     chosen: ExportFormat, table: ResultsTable, stem: str, up: str = ""
 ) -> tuple[str, bytes]:
     """Return name and content of one file: a zip where the format is of several. Raises HandtrackError."""
-    with tempfile.TemporaryDirectory() as folder:
-        written = chosen.write(Path(folder) / f"{stem}{chosen.ending}", table, up)
-        if not chosen.has_parts:
-            return written[0].name, written[0].read_bytes()
-        data = io.BytesIO()
-        with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
-            for path in written:
-                archive.write(path, path.name)
-        return f"{written[0].stem}.zip", data.getvalue()
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as beside:
+        file = chosen.write(Path(folder) / f"{stem}{chosen.ending}", table, up)[0]
+        if chosen.has_parts:
+            file = Path(shutil.make_archive(str(Path(beside) / file.stem), "zip", folder))
+        return file.name, file.read_bytes()
 
 
 def first_pose_file(document: Document) -> tuple[str, bytes]:

@@ -83,7 +83,7 @@ class CloudPanel(Panel):
         if card.pairs:
             with gui.add_folder("Stereo", expand_by_default=not card.source):
                 pairs = {" – ".join(pair): pair for pair in card.pairs}
-                first = " – ".join(card.pair or card.pairs[0])
+                first = " – ".join(card.pairs[0])
                 page.choice("Pair", pairs, partial(page.draw, "stereo_pair"), now=first)
                 self._add(*STEREO)
                 page.button(
