@@ -82,21 +82,6 @@ def is_body(layout: Layout) -> bool:
     return layout.keys == _BODY
 
 
-def body_points(path: Path) -> list[Floats[K, D3]]:
-    """Return column and row [px] and confidence of all people of a file, in whatever order of points; without those that have none.
-
-    Points that were not found are NaN with confidence 0. Raises HandtrackError.
-    """
-    people = []
-    for number, person in enumerate(_read(path)):
-        values = person.get(_BODY[0]) if isinstance(person, Mapping) else None
-        if isinstance(values, list) and values:
-            points = _points(values, len(values) // 3, f"{path}: '{_BODY[0]}' of person {number}")
-            if points is not None:
-                people.append(points)
-    return people
-
-
 def read_openpose(path: Path, layout: Layout) -> Floats[K, D3] | None:
     """Return column and row [px] and confidence of the person who stands tallest in the image.
 

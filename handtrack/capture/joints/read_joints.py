@@ -5,14 +5,14 @@ from __future__ import annotations
 import glob
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from handtrack.capture.images.frames import files_by_frame, frame_number
-from handtrack.capture.images.openpose import LAYOUTS, body_points, read_openpose
+from handtrack.capture.images.openpose import height
 from handtrack.capture.joints.given_joints import (
     HANDS_IN,
     LARGEST,
@@ -56,21 +56,21 @@ def read_joints(
     given = names or {}
     path = Path(text)
     if not path.is_file() and (path.is_dir() or any(sign in text for sign in "*?[")):
-        return _folder(text, where)
-    check_file(path, _WHAT, LARGEST)
-    start = first_bytes(path)
-    if start[:4] == b"\x89HDF":
-        return _known(read_h5_joints(path, given), where)
-    if b"\0" in start:
-        raise _unknown(where)
-    if start.decode("utf-8-sig", errors="replace").lstrip()[:1] in ("{", "["):
-        tree = _json(path)
-        return (
-            read_openpose_files({0: path})
-            if _is_openpose(tree)
-            else _known(read_json_joints(tree, str(path)), where)
-        )
-    return _known(read_csv_joints(read_text(path, _WHAT, LARGEST), str(path), given, camera), where)
+        found = read_json_joints(_of_files(text, where), text)
+    else:
+        check_file(path, _WHAT, LARGEST)
+        start = first_bytes(path)
+        if start[:4] == b"\x89HDF":
+            found = read_h5_joints(path, given)
+        elif b"\0" in start:
+            found = None
+        elif start.decode("utf-8-sig", errors="replace").lstrip()[:1] in ("{", "["):
+            found = read_json_joints(_frames(_json(path), text), text)
+        else:
+            found = read_csv_joints(read_text(path, _WHAT, LARGEST), text, given, camera)
+    if found is None:
+        raise HandtrackError(f"{where}: no joints that are known here. Accepted: {ACCEPTED}.")
+    return found
 
 
 def _json(path: Path) -> Any:
@@ -87,43 +87,25 @@ def _json(path: Path) -> Any:
         raise HandtrackError(f"{path}: one of its lines is no JSON ({error}).") from None
 
 
-def _folder(text: str, where: str) -> ImportedJoints:
+def _of_files(text: str, where: str) -> Iterator[_Frame]:
+    """Yield what each file of a folder, or of a pattern, says of its frame; one that cannot be read is passed over, but not the first."""
     pattern = f"{glob.escape(text.rstrip('/'))}/*.json" if Path(text).is_dir() else text
     files = files_by_frame(Path(name) for name in glob.glob(pattern) if Path(name).is_file())
     if not files:
         raise HandtrackError(
             f"{where}: nothing matches {pattern}; expected one JSON file a frame. Accepted: {ACCEPTED}."
         )
-    first = read_json(next(iter(files.values())), _WHAT)
-    if _is_openpose(first):
-        return read_openpose_files(files)
-    trees = [
-        {"frame": frame, "instances": tree} if isinstance(tree, list) else {"frame": frame, **tree}
-        for frame, path in files.items()
-        if isinstance(tree := read_json(path, _WHAT), list | dict)
-    ]
-    return _known(read_json_joints(trees, text), where)
+    for frame, path in files.items():
+        try:
+            entry = {"frame": frame, **_table(read_json(path, _WHAT))}
+        except HandtrackError:
+            if frame == next(iter(files)):
+                raise
+            continue
+        yield _number(entry, frame, str(path)), entry
 
 
-def _is_openpose(tree: Any) -> bool:
-    people = tree.get("people") if isinstance(tree, dict) else None
-    return isinstance(people, list) and all(
-        isinstance(person, dict) and any(key.endswith("keypoints_2d") for key in person)
-        for person in people
-    )
-
-
-def _known(found: ImportedJoints | None, where: str) -> ImportedJoints:
-    if found is None:
-        raise _unknown(where)
-    return found
-
-
-def _unknown(where: str) -> HandtrackError:
-    return HandtrackError(f"{where}: no joints that are known here. Accepted: {ACCEPTED}.")
-
-
-# ---- Joints in JSON: MediaPipe's results, COCO-WholeBody as RTMPose and MMPose write it
+# ---- Joints in JSON: MediaPipe's results, OpenPose's, COCO-WholeBody as RTMPose and MMPose write it
 
 
 _MEDIAPIPE = (
@@ -138,36 +120,47 @@ _POSE_POINTS = BODY_LAYOUTS["mediapipe33"].count
 _SIDES = ("handedness", "handednesses", "multi_handedness", "multiHandedness")
 _WHOLE = BODY_LAYOUTS["coco133"].count
 _BODY_OF_WHOLE = BODY_LAYOUTS["coco17"].count
-_KEYS = {"lefthand_kpts": "left", "righthand_kpts": "right", "keypoints": ""}
-"""of a person's points, and whose hand they are alone"""
+_BODY = "body"
+_OPENPOSE = {
+    "hand_left_keypoints_2d": "left",
+    "hand_right_keypoints_2d": "right",
+    "pose_keypoints_2d": _BODY,
+}
+_KEYS = {"lefthand_kpts": "left", "righthand_kpts": "right", "keypoints": "", **_OPENPOSE}
+"""of a person's points: whose hand they are alone, or that they are a body's; empty: their number tells"""
 _MIRRORED = {"left": "right", "right": "left"}
+_OF_MEDIAPIPE, _OF_OPENPOSE = "MediaPipe's JSON", "OpenPose's JSON"
+_Frame = tuple[int, Mapping[str, Any]]
+"""number, and what is there"""
 
 
-def read_json_joints(tree: Any, where: str) -> ImportedJoints | None:
-    """Return the joints of one JSON file of all frames; None for other files. Raises HandtrackError."""
-    frames = [(number, _by_side(entry)) for number, entry in _frames(tree, where)]
-    is_mediapipe = any(
-        isinstance(entry.get(key), list | Mapping)
-        for _, entry in frames
-        for key in (*_MEDIAPIPE, *_POSE)
-    )
-    numbers = sorted({frame for frame, _ in frames})
-    is_numbered = not is_mediapipe and any("frame_id" in entry for _, entry in frames)
-    first = int(is_numbered and numbers == list(range(1, len(numbers) + 1)))  # as MMPose's demos
+def read_json_joints(frames: Iterable[_Frame], where: str) -> ImportedJoints | None:
+    """Return the joints of all frames; None for what is of no known form. Raises HandtrackError."""
+    programs, numbers, is_numbered = set[str](), set[int](), False
+    detected: list[tuple[int, str, BodyPoints]] = []
+    for frame, entry in frames:
+        programs.add(_program(entry))
+        numbers.add(frame)
+        is_numbered |= "frame_id" in entry
+        found = _detected(_by_side(entry), f"{where}: frame {frame}")
+        detected += [(frame, part, points) for part, points in found]
+    is_mediapipe, is_openpose = _OF_MEDIAPIPE in programs, programs == {_OF_OPENPOSE}
+    if not (detected or is_mediapipe or is_openpose):
+        return None
+    counted = is_numbered and not is_mediapipe and min(numbers) == 1  # as MMPose's demos
+    first = int(counted and len(numbers) == max(numbers))
+    size = height if is_openpose else _confidence
     hands: dict[str, dict[int, Hand]] = {}
     people: dict[int, list[BodyPoints]] = {}
-    any_found = False
-    for frame, entry in frames:
-        for side, points in _detected(entry, f"{where}: frame {frame}"):
-            any_found = True
-            for part, rows in HANDS_IN.get(len(points), {}).items():
-                own, hand = hands.setdefault(side or part, {}), points[list(rows)]
-                before = own[frame - first][:, 2].sum() if frame - first in own else 0.0
-                if hand[:, 2].sum() > before:
-                    own[frame - first] = hand
-            body = points[: _BODY_OF_WHOLE if len(points) == _WHOLE else None]
-            if len(points) != len(JOINTS) and (body[:, 2] > 0).any():
-                people.setdefault(frame - first, []).append(points)
+    for number, part, points in detected:
+        frame = number - first
+        for side, rows in HANDS_IN.get(len(points), {}).items() if part != _BODY else ():
+            own, hand = hands.setdefault(part or side, {}), points[list(rows)]
+            if _confidence(hand) > 0 and (frame not in own or size(hand) > size(own[frame])):
+                own[frame] = hand
+        body = points[: _BODY_OF_WHOLE if len(points) == _WHOLE else None]
+        if (part == _BODY or len(points) != len(JOINTS)) and _confidence(body) > 0:
+            people.setdefault(frame, []).append(points)
     if is_mediapipe:
         notes = ()
         if len(hands) == 1:  # what MediaPipe says of a single hand is not needed
@@ -178,18 +171,33 @@ def read_json_joints(tree: Any, where: str) -> ImportedJoints | None:
                 "MediaPipe names hands as in a mirror: of images that are not mirrored, its 'Left' is the right hand.",
             )
         bodies = checked_bodies(people, where, "mediapipe33")
-        return ImportedJoints("MediaPipe's JSON", hands, "mediapipe21", (), notes, bodies)
-    if not any_found:
-        return None
+        return ImportedJoints(_OF_MEDIAPIPE, hands, "mediapipe21", (), notes, bodies)
     notes = (f"{where}: frames are counted from 1 there, here from 0.",)[:first]
     bodies = checked_bodies(people, where)
     whole = bodies is None or bodies.count == _WHOLE
     family = "COCO-WholeBody as RTMPose writes it" if whole else "COCO's JSON"
-    return ImportedJoints(family, hands, notes=notes, bodies=bodies)
+    return ImportedJoints(
+        _OF_OPENPOSE if is_openpose else family, hands, notes=notes, bodies=bodies
+    )
 
 
-def _frames(tree: Any, where: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """Yield every frame's number and what is there: from a list of frames, or a mapping by frame number."""
+def _program(entry: Mapping[str, Any]) -> str:
+    """Return whose form a frame has; empty for one that several programs share."""
+    if any(isinstance(entry.get(key), list | Mapping) for key in (*_MEDIAPIPE, *_POSE)):
+        return _OF_MEDIAPIPE
+    people = entry.get("people")
+    is_openpose = isinstance(people, list) and all(
+        isinstance(person, Mapping) and not _OPENPOSE.keys().isdisjoint(person) for person in people
+    )
+    return _OF_OPENPOSE if is_openpose else ""
+
+
+def _confidence(points: BodyPoints) -> float:
+    return float(points[:, 2].sum())
+
+
+def _frames(tree: Any, where: str) -> Iterator[_Frame]:
+    """Yield every frame of a file: from a list of frames, a mapping by frame number, or the one of OpenPose."""
     if isinstance(tree, Mapping) and isinstance(tree.get("annotations"), list):
         files = {
             i.get("id"): i.get("file_name")
@@ -204,7 +212,9 @@ def _frames(tree: Any, where: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
     if isinstance(tree, Mapping):
         keys = ("frames", "instance_info", "results", "predictions")
         tree = next((tree[key] for key in keys if key in tree), tree)
-    if isinstance(tree, Mapping) and all(str(key).isdecimal() for key in tree):
+    if isinstance(tree, Mapping) and _program(tree) == _OF_OPENPOSE:
+        tree = [tree]
+    elif isinstance(tree, Mapping) and all(str(key).isdecimal() for key in tree):
         tree = [{"frame": int(key), **_table(entry)} for key, entry in tree.items()]
     for i, entry in enumerate(tree if isinstance(tree, list) else ()):
         yield _number(_table(entry), i, where), _table(entry)
@@ -248,7 +258,7 @@ def _in_rows(hand: Any) -> Any:
 
 
 def _detected(entry: Mapping[str, Any], where: str) -> Iterator[tuple[str, BodyPoints]]:
-    """Yield the hands and bodies of a frame, each with the side that stands with it."""
+    """Yield the hands and bodies of a frame, each with the side that stands with it, or as a body."""
     said = next((entry[k] for k in _SIDES if k in entry), [])
     labels = [side_in(str(one)) for one in (said if isinstance(said, list) else [said])]
     for keys in (_MEDIAPIPE, _POSE):
@@ -260,15 +270,15 @@ def _detected(entry: Mapping[str, Any], where: str) -> Iterator[tuple[str, BodyP
                 raise HandtrackError(
                     f"{where}: a hand of {len(points)} landmarks; expected {len(JOINTS)}."
                 )
-            yield labels[i] if i < len(labels) and not is_pose else "", points
+            yield _BODY if is_pose else labels[i] if i < len(labels) else "", points
     inner = entry.get("instances", entry.get("people", entry.get("predictions")))
     for person in (entry, *(inner if isinstance(inner, list) else ())):
-        for key, side in _KEYS.items() if isinstance(person, Mapping) else ():
-            if key in person:
-                sure = None if side else person.get("keypoint_scores", person.get("scores"))
+        for key, part in _KEYS.items() if isinstance(person, Mapping) else ():
+            if person.get(key):
+                sure = None if part else person.get("keypoint_scores", person.get("scores"))
                 points = _points(person[key], sure, where)
-                if not side or len(points) == len(JOINTS):
-                    yield side, points
+                if part in ("", _BODY) or len(points) == len(JOINTS):
+                    yield part, points
 
 
 def _lists(found: Any) -> list[Any]:
@@ -308,31 +318,3 @@ def _points(values: Any, scores: Any, where: str) -> BodyPoints:
             f"{where}: {len(array)} keypoints with {len(sure)} scores; expected as many."
         )
     return cleaned(np.column_stack([array[:, :2], sure]))
-
-
-# ---- OpenPose
-
-
-def read_openpose_files(files: Mapping[int, Path]) -> ImportedJoints:
-    """Return the hands and bodies of OpenPose's files by frame. Raises HandtrackError for a first file that is none."""
-    hands: dict[str, dict[int, Hand]] = {"left": {}, "right": {}}
-    people: dict[int, list[BodyPoints]] = {}
-    first = next(iter(files))
-    for frame, path in files.items():
-        try:
-            people[frame] = body_points(path)
-        except HandtrackError:
-            if frame == first:
-                raise
-        for side, found in hands.items():
-            layout = LAYOUTS[f"hand_{side}"]
-            try:
-                points = read_openpose(path, layout)
-            except HandtrackError:
-                if frame == first and layout.keys[0] in read_text(path, "joints"):
-                    raise
-                continue
-            if points is not None:
-                found[frame] = points
-    where = str(files[first].parent)
-    return ImportedJoints("OpenPose's JSON", hands, bodies=checked_bodies(people, where))

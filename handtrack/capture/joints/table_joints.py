@@ -250,29 +250,27 @@ def _sleap(file: Any, path: Path, known: Names) -> ImportedJoints:
             f"{path}: tracks of the shape {tracks.shape}; expected (tracks, 2, {len(names)}, frames)."
         )
     scores = file.get("point_scores")
-    sure = np.ones(0) if scores is None else _array(scores, str(path)).astype(float)
+    sure = np.zeros(0) if scores is None else _array(scores, str(path)).astype(float)
     if sure.shape != tracks[:, 0].shape:
         sure = np.ones_like(tracks[:, 0])
-    names = renamed(names, known, str(path))
-    return _by_names(
-        names, tracks.transpose(0, 3, 2, 1), sure.transpose(0, 2, 1), path, "SLEAP's analysis file"
-    )
+    seen = np.concatenate([tracks, sure[:, None]], axis=1).transpose(0, 3, 2, 1)
+    return _of_tracks("SLEAP's analysis file", renamed(names, known, str(path)), seen, path)
 
 
-def _by_names(
-    names: list[str], places: np.ndarray, sure: np.ndarray, path: Path, family: str
+def _of_tracks(
+    family: str, names: list[str], seen: Floats[M, F, N, D3], path: Path
 ) -> ImportedJoints:
-    """places: (tracks, frames, nodes, 2). sure: (tracks, frames, nodes)."""
-    every = np.concatenate([places, np.nan_to_num(sure, nan=1.0)[..., None]], axis=-1)
-    bodies = bodies_of_table(names, every.transpose(1, 0, 2, 3), range(every.shape[1]), str(path))
+    """seen: column, row and confidence, which is 1 where unknown, of each track."""
+    seen[..., 2] = np.nan_to_num(seen[..., 2], nan=1.0)
+    bodies = bodies_of_table(names, seen.swapaxes(0, 1), range(seen.shape[1]), str(path))
     if bodies is not None:
         return ImportedJoints(family, {}, bodies=bodies)
-    seen = np.isfinite(places).all(axis=-1).sum(axis=(1, 2))
-    if (seen > 0).sum() > 1:
+    known = np.isfinite(seen[..., :2]).all(axis=-1).sum(axis=(1, 2))
+    if (known > 0).sum() > 1:
         raise HandtrackError(
-            f"{path}: {int((seen > 0).sum())} animals or hands (tracks); export one, or name its points by side."
+            f"{path}: {int((known > 0).sum())} animals or hands (tracks); export one, or name its points by side."
         )
-    columns = every[int(np.argmax(seen))]
+    columns = seen[int(np.argmax(known))]
     return table_joints(family, names, columns, range(len(columns)), str(path))
 
 
@@ -284,10 +282,9 @@ def _slp(path: Path, known: Names) -> ImportedJoints:
             f"{path} is SLEAP's own file, which needs sleap-io: pip install sleap-io, or export an analysis file (.h5) in SLEAP."
         ) from None
     labels = sleap_io.load_slp(str(path), open_videos=False)
-    places = np.asarray(labels.numpy(return_confidence=True), dtype=float).transpose(1, 0, 2, 3)
+    seen = np.array(labels.numpy(return_confidence=True), dtype=float).swapaxes(0, 1)
     names = [str(name) for name in labels.skeletons[0].node_names]
-    names = renamed(names, known, str(path))
-    return _by_names(names, places[..., :2], places[..., 2], path, "SLEAP's .slp")
+    return _of_tracks("SLEAP's .slp", renamed(names, known, str(path)), seen, path)
 
 
 class _Plain(pickle.Unpickler):
