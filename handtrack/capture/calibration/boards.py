@@ -352,6 +352,9 @@ def find_board(
     if found is None:
         return None
     ids, pixels = found
+    # OpenCV 4's own refinement leaves half a pixel where markers are large; 5's does not
+    side = float(min(_side_lengths(board, ids, pixels), default=0.0))
+    pixels = _refined(gray, pixels, side * _free(board))
     return BoardView(frame, ids, pixels, _blur(gray, board, ids, pixels), source)
 
 
@@ -372,11 +375,7 @@ def _find_charuco(gray: Bytes, board: Board) -> tuple[Ints, Floats] | None:
     rows, columns = np.divmod(numbers, board.columns - 1)
     if len(np.unique(rows)) < 2 or len(np.unique(columns)) < 2:
         return None  # all in one line: no pose
-    pixels = np.array(corners, dtype=float).reshape(-1, 2)
-    # OpenCV 4's own refinement leaves half a pixel where markers are large; 5's does not
-    sides = _grid_lines(board, numbers, pixels)
-    side = float(np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1).min()) if len(sides) else 0.0
-    return numbers, _refined(gray, pixels, side * _free(board))
+    return numbers, np.array(corners, dtype=float).reshape(-1, 2)
 
 
 def _find_chessboard(gray: Bytes, board: Board, thorough: bool) -> tuple[Ints, Floats] | None:
@@ -390,10 +389,7 @@ def _find_chessboard(gray: Bytes, board: Board, thorough: bool) -> tuple[Ints, F
         return None
     pixels = np.array(corners, dtype=float).reshape(-1, 2) * smaller
     grid = _oriented(gray, pixels.reshape(board.rows, board.columns, 2))
-    if grid is None:
-        return None
-    sides = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1)]
-    return np.arange(len(pixels)), _refined(gray, grid.reshape(-1, 2), min(sides) * _free(board))
+    return None if grid is None else (np.arange(len(pixels)), grid.reshape(-1, 2))
 
 
 def _free(board: Board) -> float:
@@ -454,10 +450,10 @@ def _blur(gray: Bytes, board: Board, ids: Ints, pixels: Floats) -> float:
     An edge of contrast C and width w has ∫ |∇I|² = C² / w across it, so that w is C² times the edges' length over the sum of |∇I|².
     Squares of side s have 2 / s of edges a pixel; a marker's come on top, in each view the same share.
     """
-    sides = _grid_lines(board, ids, pixels)
+    sides = _side_lengths(board, ids, pixels)
     if not len(sides):
         return float("inf")
-    side = float(np.median(np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1)))
+    side = float(np.median(sides))
     inside = np.zeros(gray.shape, np.uint8)
     cv2.fillConvexPoly(inside, cv2.convexHull(pixels.round().astype(np.int32)), 1)
     values = gray[inside > 0].astype(float)
@@ -467,19 +463,19 @@ def _blur(gray: Bytes, board: Board, ids: Ints, pixels: Floats) -> float:
     return contrast**2 * len(values) * 2 / side / max(steep, 1e-9)
 
 
-def _grid_lines(board: Board, ids: Ints, pixels: Floats) -> Floats:
-    """Return (L, 2, 2) the sides of squares, ends in pixels, whose two corners were found."""
+def _side_lengths(board: Board, ids: Ints, pixels: Floats) -> Floats[N]:
+    """Return the lengths of squares' sides [px] whose two corners were found."""
     place = {
         tuple(np.round(board.points[i, :2] / board.square_m).astype(int)): p
         for i, p in zip(ids, pixels)
     }
-    lines = [
-        (p, place[near])
+    sides = [
+        place[near] - p
         for (column, row), p in place.items()
         for near in ((column + 1, row), (column, row + 1))
         if near in place
     ]
-    return np.array(lines, dtype=float).reshape(-1, 2, 2)
+    return np.linalg.norm(np.reshape(sides, (-1, 2)), axis=1)
 
 
 _BLURRED = 1.6  # times the camera's median edge width: left out where there are enough others

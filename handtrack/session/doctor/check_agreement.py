@@ -218,6 +218,8 @@ _Seen = tuple[Camera, Floats[T, J, D2]]
 _Match = tuple[float, float, Floats[N, D3]]
 """how far joints miss each other, as a share of the hand's extent in the images, the median over points of the worst camera; the same
 in pixels; the points of all frames and joints, world [m]"""
+_Tried = tuple[str, _Match | None]
+"""something that may be otherwise than it was said, in words, and how joints fit together then"""
 
 
 def check_joints(session: Session) -> Iterator[Finding]:
@@ -326,12 +328,16 @@ def _extent(pixels: Floats[T, J, D2]) -> float:
 
 def _what_would_fit(seen: Sequence[_Seen], found: _Match) -> str:
     """Return the mistake, of those often made, with which joints would meet best, as a question; empty for none."""
-    tried = ((match[0], words) for words, match in _mistakes(seen) if match is not None)
-    off, words = min(tried, default=(np.inf, ""))
-    return words if off < min(_MOST_OFF, _BETTER * found[0]) else ""
+    return _best(_mistakes(seen), min(_MOST_OFF, _BETTER * found[0]))
 
 
-def _mistakes(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
+def _best(tried: Iterator[_Tried], most: float) -> str:
+    """Return with what joints meet best, in words; empty where they miss each other by as much as that with everything."""
+    off, words = min(((m[0], words) for words, m in tried if m is not None), default=(most, ""))
+    return words if off < most else ""
+
+
+def _mistakes(seen: Sequence[_Seen]) -> Iterator[_Tried]:
     for words, cameras in often_mistaken([camera for camera, _ in seen]):
         exchanged = list(zip(cameras, [pixels for _, pixels in seen], strict=True))
         yield f"They would meet {words}", _match(exchanged)
@@ -354,7 +360,7 @@ def _mistakes(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
             )
 
 
-def _shifts(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
+def _shifts(seen: Sequence[_Seen]) -> Iterator[_Tried]:
     """Yield by how many frames a camera may be late, in words, and how joints fit together then."""
     for i, (camera, pixels) in enumerate(seen):
         for shift in (*range(-_MOST_OFFSET, 0), *range(1, _MOST_OFFSET + 1)):
@@ -376,11 +382,8 @@ def _shifts(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
 
 def _time_offset(seen: Sequence[_Seen], found: _Match) -> str:
     """Return that frames fit clearly better as another number; empty where they do not."""
-    good = ((words, match) for words, match in _shifts(seen) if match is not None)
-    words, match = min(good, key=lambda one: one[1][0], default=("", found))
-    if not words or match[0] > _BETTER_OFFSET * found[0]:
-        return ""
-    return f"joints meet in space to {_words(found)}. {words}"
+    words = _best(_shifts(seen), _BETTER_OFFSET * found[0])
+    return words and f"joints meet in space to {_words(found)}. {words}"
 
 
 def joint_lines(session: Session) -> list[Floats[N, D3]]:

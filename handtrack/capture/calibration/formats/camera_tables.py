@@ -26,6 +26,7 @@ from handtrack.files.text_files import metres_in
 from handtrack.geometry.camera import camera_matrix
 from handtrack.geometry.source_lens import FISHEYE_COUNT
 
+_FOCAL_AND_CENTRE = ("fx", "fy", "cx", "cy")
 _NAMES = {
     "matrix": "k matrix cameramatrix intrinsics intrinsic intrinsicmatrix intrinsicsmatrix mtx kmatrix kmat cammatrix m",
     "distortions": "d dist distortions distortion distcoeffs distcoeff distcoef distcoefs distortioncoefficients "
@@ -42,10 +43,11 @@ _NAMES = {
     "fisheye": "fisheye isfisheye",
     "name": "name cameraname camname",
     "unit": "unit units worldunits worldunit lengthunit translationunit",
+    "inverse": "c2w cameratoworld camtoworld tworldcamera tworldcam twc",
+    **{name: name for name in (*_FOCAL_AND_CENTRE, "xi")},
 }
 MEANS = {name: field for field, names in _NAMES.items() for name in names.split()}
 """our name of each key that people write, in small letters and digits alone"""
-_GIVEN_BY_CENTRE = {"c2w", "cameratoworld", "camtoworld", "tworldcamera", "tworldcam", "twc"}
 _STEREO = re.compile(r"^(.*?)_?(1|2|left|right|l|r)$", re.IGNORECASE)
 _LIMIT = 64  # cameras
 _MIDDLE = 0.05  # of the image: exchanged sides of 10:9 move its middle by as much
@@ -87,7 +89,7 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
         return None
     posed = len(tables) > 1
     wheres = [f"{where}, camera {name or i}" for i, (name, _) in enumerate(tables, 1)]
-    placed = [not posed or _pose(t, w) is not None for (_, t), w in zip(tables, wheres)]
+    placed = [not posed or _pose(_known(t), w) is not None for (_, t), w in zip(tables, wheres)]
     between = _known(tree) if isinstance(tree, Mapping) else {}
     if len(tables) == 2 and not any(placed) and {"rotation", "translation"} <= between.keys():
         poses = (
@@ -148,7 +150,7 @@ def _flat(table: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _is_camera(table: Mapping[str, Any]) -> bool:
     known = _known(table)
-    return "matrix" in known or {"fx", "fy"} <= {plain_word(key) for key in table}
+    return "matrix" in known or {"fx", "fy"} <= known.keys()
 
 
 def _name(table: Mapping[str, Any], otherwise: str | None) -> str | None:
@@ -173,15 +175,16 @@ def _unstacked(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, A
     def row(field: str, value: Any, i: int) -> Any:
         values = np.asarray(value, dtype=object)
         if (
-            field in ("matrix", "distortions", "rotation", "translation", "pose")
+            field in ("matrix", "distortions", "rotation", "translation", "pose", "inverse")
             or values.ndim == 2
         ):
             return value[i] if len(value) == count else value
         return value
 
     own = {field: v for field, v in known.items() if field not in ("name", "unit")}
+    key = {field: _NAMES[field].split()[0] for field in own}
     return [
-        (None if names is None else str(names[i]), {f: row(f, v, i) for f, v in own.items()})
+        (None if names is None else str(names[i]), {key[f]: row(f, v, i) for f, v in own.items()})
         for i in range(count)
     ]
 
@@ -233,16 +236,16 @@ def camera_of(
             "where the images have none."
         )
     distortions = numbers(known["distortions"], f"{where}, distortion").ravel()
-    if any(plain_word(key) == "xi" and value for key, value in table.items()):
+    if known.get("xi"):
         raise _mirror(where)
-    pose = _pose(table, where)
+    pose = _pose(known, where)
     if posed and pose is None:
         raise HandtrackError(
             f"{where}: no pose, only {', '.join(map(str, table))}; expected `R` (matrix or rotation vector) and `t`, world to "
             "camera: p_camera = R p_world + t."
         )
     lens_open = len(distortions) == FISHEYE_COUNT and bool(distortions.any()) and not said
-    matrix = _matrix(table, known, where)
+    matrix = _matrix(known, where)
     if min(matrix[0, 0], matrix[1, 1]) < _LEAST_FOCAL_PX:
         raise HandtrackError(
             f"{where}: focal lengths of {matrix[0, 0]:g} and {matrix[1, 1]:g}; expected pixels. Are they in millimetres, or "
@@ -264,14 +267,9 @@ def _mirror(where: str) -> HandtrackError:
     )
 
 
-def _matrix(table: Mapping[str, Any], known: Mapping[str, Any], where: str) -> Floats[D3, D3]:
-    if "matrix" not in known:
-        plain = {plain_word(key): value for key, value in table.items()}
-        values = numbers(
-            [plain.get(key) for key in ("fx", "fy", "cx", "cy")], f"{where}, fx fy cx cy"
-        )
-        return camera_matrix(*values.tolist())
-    value = numbers(known["matrix"], f"{where}, matrix")
+def _matrix(known: Mapping[str, Any], where: str) -> Floats[D3, D3]:
+    apart = [known.get(name) for name in _FOCAL_AND_CENTRE]
+    value = numbers(known.get("matrix", apart), f"{where}, matrix or fx fy cx cy")
     if value.shape == (4,):
         return camera_matrix(*value.tolist())
     return numbers(value, f"{where}, matrix", (3, 3))
@@ -287,11 +285,9 @@ def _size(known: Mapping[str, Any], where: str, matrix: Floats[D3, D3]) -> tuple
     return None
 
 
-def _pose(table: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[D3]] | None:
+def _pose(known: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[D3]] | None:
     """Return where a table says its camera stands; null, as for one that was not found, says nothing."""
-    known = _known(table)
-    inverse = next((v for key, v in table.items() if plain_word(key) in _GIVEN_BY_CENTRE), None)
-    whole = known.get("pose", inverse)
+    whole = known.get("pose", known.get("inverse"))
     if {"rotation", "translation"} <= known.keys():
         moved = numbers(known["translation"], f"{where}, translation", (3,))
         return rotation_of(known["rotation"], f"{where}, rotation"), moved
