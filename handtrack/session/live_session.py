@@ -345,6 +345,8 @@ class LiveRecording:
         return f"{some} {self.problem}".rstrip()
 
     def _write(self, run: TrackingRun) -> None:
+        from handtrack.files.toml_edit import changed_toml  # slow to import
+
         session, file = self._session, self._session.file
         cameras = tuple(
             replace(camera, images=_video_name(i) if camera.name in self._writers else None)
@@ -363,15 +365,15 @@ class LiveRecording:
         write_scale(self.folder / HAND_FILE, run.scale)
         hand = replace(file.hand, scale=HAND_FILE, model=getattr(model, "name", model))
         usual = TrackerSettings().flat()
-        tracking = _nested(
-            {
-                name: value
-                for name, value in run.settings.flat().items()
-                if value not in (usual.get(name), LIVE_SETTINGS.get(name, usual.get(name)))
-            }
-        )
-        whole = replace(file, session=recording, cameras=cameras, hand=hand, tracking=tracking)
-        write_session_file(self.folder / SESSION_FILE, whole)
+        tracking = {
+            f"tracking.{name}": value
+            for name, value in run.settings.flat().items()
+            if value not in (usual.get(name), LIVE_SETTINGS.get(name, usual.get(name)))
+        }
+        whole = replace(file, session=recording, cameras=cameras, hand=hand, tracking={})
+        path = self.folder / SESSION_FILE
+        write_session_file(path, whole)
+        replace_text(path, changed_toml(path.read_text(encoding="utf-8"), tracking))
         good = next((r for _, r in sorted(self._results.items()) if r.fits), None)
         if good is not None:
             named = run.model.named(good.parameters)
@@ -418,15 +420,3 @@ class LiveRecording:
 
 def _video_name(index: int) -> str:
     return f"camera{index}.avi"
-
-
-def _nested(settings: Mapping[str, object]) -> dict[str, Any]:
-    """Return dotted settings as the tables of session.toml."""
-    tables: dict[str, Any] = {}
-    for name, value in settings.items():
-        *path, key = name.split(".")
-        table = tables
-        for part in path:
-            table = table.setdefault(part, {})
-        table[key] = value
-    return tables

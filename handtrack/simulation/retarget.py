@@ -319,7 +319,7 @@ def distance_m(positions: Floats[F, J, D3]) -> float:
 def custom_motion(motion: Captured) -> CustomMotion:
     """Return a motion that was staged, to be rendered."""
     joint = np.stack([motion.model.joint_params(params) for params in motion.params])
-    return CustomMotion(motion.model, joint, distance_m(motion.clip.positions))
+    return motion.model, joint, distance_m(motion.clip.positions)
 
 
 def _middle(positions: Floats[F, J, D3]) -> Floats[D3]:

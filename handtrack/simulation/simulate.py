@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, F, Floats, J, K, S, array_dataclass
+from handtrack.arrays import D2, D3, Array, F, Floats, J, K, S
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.depth import depth_cloud
@@ -112,15 +112,10 @@ def simulated_rig(
     return CameraRig(tuple(cameras))
 
 
-@array_dataclass
-class CustomMotion:
-    """A motion to be rendered in place of a named one."""
-
-    model: ArticulatedModel
-    joint: Floats[F, S]
-    """joint parameters, about the world's origin, +y up"""
-    distance_m: float
-    """of cameras that see all of it"""
+CustomMotion = tuple[ArticulatedModel, Floats[F, S], float]
+"""a motion to be rendered in place of a named one: joint parameters, about the world's origin, +y up, and how far away cameras see
+all of it [m]
+"""
 
 
 def simulate(
@@ -153,8 +148,8 @@ def simulate(
         model = load_model(what.model, side=what.side, scale=what.scale, forearm=what.forearm)
         joint, distance_m = motion(model, what.motion, what.frames, rng), what.distance_m
     else:
-        model, joint = known.model, known.joint
-        distance_m = max(what.distance_m, known.distance_m)
+        model, joint, least_m = known
+        distance_m = max(what.distance_m, least_m)
     rig = simulated_rig(what.cameras, what.size, distance_m, what.distortion)
     folder.mkdir(parents=True, exist_ok=True)
     write_rig(folder / layout.CALIBRATION_FILE, rig)

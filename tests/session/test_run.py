@@ -30,7 +30,7 @@ from handtrack.session.run import (
 )
 from handtrack.session.session_file import CameraSettings
 from handtrack.simulation.motion import motion
-from handtrack.simulation.simulate import CustomMotion, Simulation, simulate
+from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.frame.confidence import frame_confidence
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
@@ -69,7 +69,7 @@ def misleading(folder, arm):
     for one in (not arm, arm):
         model = load_model(forearm=one)
         joint = motion(model, "open_fist_open", 40, np.random.default_rng(0))[:4]
-        known = CustomMotion(model, joint, 0.0)
+        known = model, joint, 0.0
         made.append(simulate(folder / str(one), what, known=known))
     for mask in (made[0] / "masks").glob("*/*0000.*"):
         (made[1] / mask.relative_to(made[0])).write_bytes(mask.read_bytes())

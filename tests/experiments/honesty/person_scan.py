@@ -14,7 +14,7 @@ from handtrack.arrays import F, Floats, S
 from handtrack.model.pose_library import named_pose
 from handtrack.model.size import SizeParameters
 from handtrack.session.track_session import Refining
-from handtrack.simulation.simulate import CustomMotion, Simulation, simulate
+from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.whole.refinement import Refinement
 from tests.experiments.tracked_frames import mean_mm
@@ -62,7 +62,7 @@ def recorded(folder: Path, truth: ArticulatedModel, what: str, seed: int) -> Tra
     seconds, poses = (SCAN_S, _SCAN) if what == "scan" else (FIST_S, _FIST)
     joint = moved(truth, poses, round(FPS * seconds), _TURN_RAD if what == "scan" else 0.3)
     made = Simulation(size=_SIZE, fps=FPS, images=False, init_noise_m=0.003, seed=seed)
-    session = Session.open(simulate(folder, made, known=CustomMotion(truth, joint, 0.5)))
+    session = Session.open(simulate(folder, made, known=(truth, joint, 0.5)))
     hand = replace(session.file.hand, scale=1.0)
     session.file = replace(session.file, hand=hand)
     return TrackingRun.open(session, {"model.fit_size": False, "model.forearm": "false"})
