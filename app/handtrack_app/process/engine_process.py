@@ -243,19 +243,6 @@ _AT_WORK = ("tracking", "paused")
 
 
 @dataclass
-class _Entry:
-    call: Call
-    is_sent: bool = False
-    """to the engine of now"""
-    is_repeated: bool = False
-    """it was sent to one before"""
-    is_done: bool = False
-    """by the engine of now, if not on disk yet"""
-    ends: int = 0
-    """engines that ended while they served this alone"""
-
-
-@dataclass
 class Outbox:
     """Any thread may ask. `send` hands a call to the engine's pipe; it is called in order, one call at a time."""
 
@@ -275,7 +262,16 @@ class Outbox:
     _newest: int = 0
     _number: int = 0
     _is_listening: bool = False
-    _kept: list[_Entry] = field(default_factory=list)
+    _kept: list[Call] = field(default_factory=list)
+    """in the order of their numbers; they are sent, done and written in that order, so one number says how far each has come"""
+    _sent: int = 0
+    """to the engine of now, up to this number"""
+    _done: int = 0
+    """by the engine of now, if not on disk yet"""
+    _repeated: int = 0
+    """sent to an engine before"""
+    _ends: Counter[int] = field(default_factory=Counter)
+    """by a call's number the engines that ended while they served it alone"""
     _views: dict[str, Call] = field(default_factory=dict)
     _frame: int | None = None
     _frame_done: int | None = None
@@ -304,7 +300,7 @@ class Outbox:
             if len(self._kept) >= _MOST:
                 return call
             self._number += 1
-            self._kept.append(_Entry(replace(call, number=self._number)))
+            self._kept.append(replace(call, number=self._number))
             self._newest = max(self._newest, call.arguments.get("version", 0))
             self._send_waiting()
             return None
@@ -315,12 +311,13 @@ class Outbox:
         """
         key, tag, between = call.key, call.arguments.get("tag", ""), False
         for place in range(len(self._kept) - 1 if key is not None else -1, -1, -1):
-            entry = self._kept[place]
-            follows = not between and entry.call.arguments.get("tag", "") == tag
-            if entry.call.key == key and (follows or not entry.is_sent):
+            old = self._kept[place]
+            is_sent = old.number <= self._sent
+            follows = not between and old.arguments.get("tag", "") == tag
+            if old.key == key and (follows or not is_sent):
                 del self._kept[place]
                 return
-            if entry.is_sent or entry.call.is_step:
+            if is_sent or old.is_step:
                 return
             between = True
 
@@ -339,14 +336,13 @@ class Outbox:
 
     def _send_waiting(self) -> None:
         while self._is_listening:
-            under_way = [e for e in self._kept if e.is_sent and not e.is_done]
-            waiting = next((e for e in self._kept if not e.is_sent), None)
-            if waiting is None or len(under_way) >= _MOST_SENT:
+            under_way = [c.number for c in self._kept if self._done < c.number <= self._sent]
+            call = next((c for c in self._kept if c.number > self._sent), None)
+            if call is None or len(under_way) >= _MOST_SENT:
                 return
-            if any(e.is_repeated for e in under_way):
+            if under_way and under_way[0] <= self._repeated:
                 return  # it may have ended the engine before: such calls are served one by one
-            waiting.is_sent = True
-            call = waiting.call
+            self._sent = call.number
             if call.arguments.get("version", self.version) < self.version:
                 # the engine passes over poses that are older than what it was told of
                 call = replace(call, arguments={**call.arguments, "version": self.version})
@@ -358,18 +354,20 @@ class Outbox:
         """
         with self._changed:
             self.version, self._is_listening = self._newest, False
-            sent = [entry for entry in self._kept if entry.is_sent]
-            given_up = [entry for entry in sent if entry.call.command.job]
-            again = [entry for entry in sent if not entry.call.command.job]
-            for entry in [e for e in again if e.is_repeated and not e.is_done][:1]:
-                entry.ends += 1
-                if entry.ends >= _MOST_ENDS:
-                    given_up.append(entry)
-            for entry in again:
-                entry.is_sent, entry.is_done, entry.is_repeated = False, False, True
-            self._kept = [entry for entry in self._kept if entry not in given_up]
+            sent = [call for call in self._kept if call.number <= self._sent]
+            given_up = [call for call in sent if call.command.job]
+            again = (call for call in sent if not call.command.job)
+            alone = next((c for c in again if self._done < c.number <= self._repeated), None)
+            if alone is not None:
+                self._ends[alone.number] += 1
+                if self._ends[alone.number] >= _MOST_ENDS:
+                    given_up.append(alone)
+            self._repeated = max(self._repeated, self._sent)
+            self._sent = self._done = 0
+            gone = {call.number for call in given_up}
+            self._kept = [call for call in self._kept if call.number not in gone]
             self._changed.notify_all()
-            return [entry.call for entry in given_up]
+            return given_up
 
     # ---- from the engine
 
@@ -387,18 +385,15 @@ class Outbox:
                 self.job = snapshot.job if snapshot.state != "idle" else ""
             elif isinstance(snapshot, WorkSnapshot):
                 self._work = snapshot
-                self._done(snapshot.done, snapshot.written)
+                self._done = snapshot.done
+                for call in self._kept:
+                    if call.number <= snapshot.written and call.name == "show_frame":
+                        self._frame_done = call.arguments["frame"]
+                self._kept = [call for call in self._kept if call.number > snapshot.written]
+                self._send_waiting()
+                self._changed.notify_all()
                 return self._news()
             return snapshot
-
-    def _done(self, done: int, written: int) -> None:
-        for entry in self._kept:
-            entry.is_done = entry.is_done or (entry.is_sent and entry.call.number <= done)
-            if entry.call.number <= written and entry.call.name == "show_frame":
-                self._frame_done = entry.call.arguments["frame"]
-        self._kept = [entry for entry in self._kept if entry.call.number > written]
-        self._send_waiting()
-        self._changed.notify_all()
 
     def work(self, is_down: bool | None = None) -> WorkSnapshot | None:
         """Return what is new of what is saved: `saved` is all that was called, and no less. is_down: whether the engine stays ended."""
@@ -422,7 +417,7 @@ class Outbox:
 
     @property
     def _edits(self) -> list[Call]:
-        return [entry.call for entry in self._kept if entry.call.command.edits]
+        return [call for call in self._kept if call.command.edits]
 
     @property
     def edits(self) -> list[Call]:
