@@ -13,11 +13,14 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from handtrack.errors import HandtrackError, not_enough_memory, unknown_name
 from handtrack.export.registry import FORMATS
 from handtrack.version import VERSION
+
+if TYPE_CHECKING:
+    from handtrack_app.commands.terminal.output import Answer
 
 EXIT_OK, EXIT_INTERNAL, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 
@@ -52,7 +55,8 @@ def _run(args: argparse.Namespace) -> int:
     try:
         run = function_of(args.command)
         values = {**vars(args), "options": args}
-        code = run(**{name: values[name] for name in signature(run).parameters})
+        result = run(**{name: values[name] for name in signature(run).parameters})
+        code = result if isinstance(result, int) else result.print(args.json)
         sys.stdout.flush()
     except HandtrackError as error:
         return _failed(args.command, str(error), EXIT_USAGE)
@@ -76,8 +80,10 @@ def _run(args: argparse.Namespace) -> int:
     return code
 
 
-def function_of(command: str) -> Callable[..., int]:
-    """Return a command's function. It takes its options by their names; where they are many, `options` has them all."""
+def function_of(command: str) -> Callable[..., int | Answer]:
+    """Return a command's function. It takes its options by their names; where they are many, `options` has them all. It returns its
+    answer, or the exit code where it has printed that.
+    """
     module, name = COMMANDS[command]["runs"].split(":")
     return getattr(importlib.import_module(f"handtrack_app.commands.{module}"), name)
 

@@ -43,7 +43,7 @@ from handtrack.parallel import thread_count
 from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.session import Session
 from handtrack.session.takes import files_read, versions_in_use
-from handtrack_app.commands.terminal.output import answer, print_status, progress_bar, stoppable
+from handtrack_app.commands.terminal.output import Answer, print_status, progress_bar, stoppable
 
 LEDGER_FILE = "ledger.jsonl"
 _MADE = {TRACKS_FOLDER, "versions"}
@@ -461,7 +461,7 @@ def _row(row: Outcome) -> str:
 _OK, _SOME, _INTERRUPTED = 0, 3, 130
 
 
-def run(options: Namespace) -> int:
+def run(options: Namespace) -> Answer:
     """Track all; return 0, 3 where recordings have no result or lost too many frames, 130 when interrupted."""
     out = options.out.resolve()
     ledger = out / LEDGER_FILE
@@ -515,12 +515,12 @@ def run(options: Namespace) -> int:
     own = [ended[one.folder] for one in plan if one.folder in ended]
     files = {"report": str(out / "report.html"), "table": str(out / "report.csv"), "ledger": str(ledger)}  # fmt: skip
     report = {"recordings": [asdict(outcome) for outcome in own], **files}
-    answer(options.json, report, f"{in_words(own)}. Report: {out / 'report.html'}")
+    poor = [o for o in own if o.state != DONE or o.share("lost") > options.most_lost]
+    code = _SOME if poor else _OK
     if stopped or any(one.state == INTERRUPTED for one in own):
         print_status("handtrack batch: interrupted; --resume goes on.")
-        return _INTERRUPTED
-    poor = [o for o in own if o.state != DONE or o.share("lost") > options.most_lost]
-    return _SOME if poor else _OK
+        code = _INTERRUPTED
+    return Answer(report, [f"{in_words(own)}. Report: {out / 'report.html'}"], code)
 
 
 def track_words(options: Namespace) -> list[str]:

@@ -36,17 +36,17 @@ from handtrack.capture.images.raw_frames import PATTERNS, MosaicFiles
 from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import keep_version, replacing
-from handtrack_app.commands.terminal.output import answer, output_file, print_status, progress_bar
+from handtrack_app.commands.terminal.output import Answer, output_file, print_status, progress_bar
 
 _Inputs = dict[str, dict[str, FrameSource]]
 """by camera, its sources: `shared`, matched between cameras by frame number, and `alone`, of its lens"""
 
 
-def calibrate(options: Namespace) -> int:
+def calibrate(options: Namespace) -> int | Answer:
     """Find the board, calibrate, write calibration.toml and the report; print the report. Or write the board."""
     board = parse_board(options.board)
     if options.out.suffix.lower() in FORMATS:
-        return _save_board(board, options.out, options.dpi, options.json)
+        return _save_board(board, options.out, options.dpi)
     if options.bayer and options.bayer not in PATTERNS:
         raise unknown_name("Bayer pattern", options.bayer, PATTERNS, "--bayer")
     output_file(options.out, (".toml",), "calibrations are")
@@ -179,7 +179,7 @@ def _write_report(calibration: RigCalibration, board: Board, options: Namespace)
     for path, content in files.items():
         with replacing(path) as part:
             part.write_bytes(content)
-    answer(options.json, calibration.report, text)
+    Answer(calibration.report, [text]).print(options.json)
     print_status(f"wrote {', '.join(map(str, files))}")
 
 
@@ -195,7 +195,7 @@ _PAPERS_MM = {
 }
 
 
-def _save_board(printed: Board, out: Path, dpi: float, json: bool) -> int:
+def _save_board(printed: Board, out: Path, dpi: float) -> Answer:
     """Write the board and say how large it must come out of the printer."""
     output_file(out, FORMATS, "boards are")
     width, height = page_size_mm(printed)
@@ -220,14 +220,5 @@ def _save_board(printed: Board, out: Path, dpi: float, json: bool) -> int:
         f"{columns} squares must be {columns * side:g} mm wide, {rows} squares {rows * side:g} mm high; if not, "
         "give the measured square to `handtrack calibrate`. Glue it to something flat and stiff."
     )
-    answer(
-        json,
-        {
-            "output": out,
-            "page_mm": [width, height],
-            "squares": [columns, rows],
-            "square_mm": side,
-        },
-        words,
-    )
-    return 0
+    report = {"output": out, "page_mm": [width, height], "squares": [columns, rows], "square_mm": side}  # fmt: skip
+    return Answer(report, [words])

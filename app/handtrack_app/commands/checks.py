@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import time
-from json import dumps
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.model.model_file import load_model, read_definition
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.formats.truth import import_truth
-from handtrack_app.commands.terminal.output import answer, output_file, print_status
+from handtrack_app.commands.terminal.output import Answer, output_file, print_status
 
 _SIZES_M = (0.02, 3.0)
 """of what may be tracked: a small gripper to more than a tall body"""
@@ -27,7 +26,7 @@ _THIN_M = 1e-4
 _ROBOT = ".urdf"
 
 
-def check_model(file: Path, out: Path | None, json: bool) -> int:
+def check_model(file: Path, out: Path | None) -> Answer:
     """Check a definition and say what is in it; write it as TOML, or as a robot's URDF, where that is asked for."""
     if out is not None:
         output_file(out, (".toml", _ROBOT), "definitions and robots are")
@@ -54,8 +53,7 @@ def check_model(file: Path, out: Path | None, json: bool) -> int:
         f"{len(report['joints'])} joints, {shapes}. {'Nothing odd was found.' if not odd else ''}"
     )
     written = [] if out is None else [f"written to {out}; to use it: [hand], model in a session, or load_model()"]  # fmt: skip
-    answer(json, report, words.rstrip(), *(f"warning: {text}" for text in odd), *written)
-    return 0
+    return Answer(report, [words.rstrip(), *(f"warning: {text}" for text in odd), *written])
 
 
 def findings(model: ArticulatedModel) -> list[str]:
@@ -98,8 +96,8 @@ _COLUMNS = {
 _OF_A_JOINT = re.compile(r"position_(?!.*_offset_free_mm$).*_mm")
 
 
-def compare_with_truth(poses: Path, truth: Path, landmarks: str | None, json: bool) -> int:
-    """Print the metrics, as a table or JSON."""
+def compare_with_truth(poses: Path, truth: Path, landmarks: str | None) -> Answer:
+    """Return the metrics; for people those of joints are a table of their own."""
     track = read_npz(poses)
     reference, note = import_truth(truth, track.side)
     if note:
@@ -121,21 +119,16 @@ def compare_with_truth(poses: Path, truth: Path, landmarks: str | None, json: bo
         print_status(f"note: the points of {truth} are {theirs}; compared are {definition}.")
     elif others and theirs is None and landmarks is None:
         print_status(f"note: compared are {definition}; --landmarks compares others: {others}.")
-    if json:
-        report = metrics | {"keypoint_definition": definition}
-        print(dumps(report, indent=1, allow_nan=False))
-        return 0
     joints = [name[9:-3] for name in metrics if _OF_A_JOINT.fullmatch(name)]
     rows = {j: [f"{head}{j}{tail}" for head, tail in _COLUMNS.values()] for j in joints}
     in_table = {name for row in rows.values() for name in row}
-    for name, value in metrics.items():
-        if name not in in_table:
-            print(f"{name:24s} {_shown(value)}")
-    print(f"{'keypoint_definition':24s} {definition}\n")
-    print("".join([f"{'':12s}", *(f"{title:>18s}" for title in _COLUMNS)]))
+    report = metrics | {"keypoint_definition": definition}
+    lines = [f"{name:24s} {_shown(v)}" for name, v in report.items() if name not in in_table]
+    lines += ["", "".join([f"{'':12s}", *(f"{title:>18s}" for title in _COLUMNS)])]
     for joint, row in rows.items():
-        print("".join([f"{joint:12s}", *(f"{_shown(metrics.get(name)):>18s}" for name in row)]))
-    return 0
+        cells = (f"{_shown(metrics.get(name)):>18s}" for name in row)
+        lines.append("".join([f"{joint:12s}", *cells]))
+    return Answer(report, lines)
 
 
 def _shown(value: object) -> str:
@@ -145,8 +138,8 @@ def _shown(value: object) -> str:
 # ---- `handtrack bench`: each figure beside its reference, measured in one run
 
 
-def run_benchmarks(name: str | None, json: bool) -> int:
-    """Print a table, or JSON as contracts §3."""
+def run_benchmarks(name: str | None) -> Answer:
+    """Return each figure, as contracts §3 has it."""
     chosen = [name] if name else [*QUICK]
     figures: dict[str, dict[str, object]] = {}
     for one in chosen:
@@ -158,14 +151,13 @@ def run_benchmarks(name: str | None, json: bool) -> int:
         for title, figure in figures.items()
         for line in (title, *(f"  {key:24s} {_shown(value)}" for key, value in figure.items()))
     ]
-    answer(json, figures, *lines)
-    return 0
+    return Answer(figures, lines)
 
 
 # ---- `handtrack warmup`: compile ahead what tracking would compile at its first frame
 
 
-def compile_kernels(json: bool) -> int:
+def compile_kernels() -> Answer:
     """Track a small frame of every kind; numba keeps what it compiles for later runs."""
     from handtrack.simulation.warm_up import warm_up  # slow to import
 
@@ -174,5 +166,4 @@ def compile_kernels(json: bool) -> int:
         print_status(f"compiled for {kind}")
     seconds = time.perf_counter() - begun
     words = f"ready after {seconds:.0f} s; kept for this machine and this version"
-    answer(json, {"seconds": round(seconds, 1)}, words)
-    return 0
+    return Answer({"seconds": round(seconds, 1)}, [words])

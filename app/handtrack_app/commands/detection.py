@@ -39,7 +39,7 @@ from handtrack.session.refined_masks import MaskRefinement
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
 from handtrack_app.commands.terminal.output import (
-    answer,
+    Answer,
     note,
     print_status,
     progress_bar,
@@ -52,7 +52,7 @@ _MOST = 0.5
 _SEEDED = '{ method = "seeded" }'
 
 
-def detect(options: Namespace) -> int:
+def detect(options: Namespace) -> Answer:
     """Look for the hand in every frame asked for, write its joints, and say how the session is to use them."""
     session = Session.open(options.session)
     detector = HandDetector.open(options.weights, options.backend)
@@ -98,8 +98,7 @@ def detect(options: Namespace) -> int:
         lines.append(
             f"Masks can be made by these joints: give --masks, too, or write masks = {_SEEDED}."
         )
-    answer(options.json, report, *lines)
-    return stop.code
+    return Answer(report, lines, stop.code)
 
 
 def _used(session: Session, changes: dict[str, Any], writes: bool, used: str) -> list[str]:
@@ -147,9 +146,7 @@ _COMPARED = 25
 """frames in which cameras are compared"""
 
 
-def segment_again(
-    session: Path, poses: Path | None, camera: list[str], write: bool, json: bool
-) -> int:
+def segment_again(session: Path, poses: Path | None, camera: list[str], write: bool) -> Answer:
     """Write a mask for each frame that was tracked, and say how the session is to use them."""
     opened = Session.open(session)
     track = read_npz(poses or opened.folder / POSES_FILE)
@@ -180,8 +177,7 @@ def segment_again(
     ]
     lines += [f"Masks are in {opened.folder / MASKS_FOLDER}.", *to_use]
     report = {"cameras": results, "session_file": changes, "written": write, "interrupted": stop.asked}  # fmt: skip
-    answer(json, report, *lines)
-    return stop.code
+    return Answer(report, lines, stop.code)
 
 
 # ---- `handtrack stereo`: calibrated pairs of a session → one point cloud file a frame
@@ -191,7 +187,7 @@ _FOLDER = "clouds"
 _MOST_APART_DEG = 40.0  # pairs chosen for the user; others may be asked for in session.toml
 
 
-def match_stereo(session: Path, frames: str | None, out: Path | None, json: bool) -> int:
+def match_stereo(session: Path, frames: str | None, out: Path | None) -> Answer:
     """Match the pairs of every frame asked for and write their merged clouds."""
     opened = Session.open(session)
     numbers = parse_frames(frames, opened.frame_range, opened.folder)
@@ -219,21 +215,17 @@ def match_stereo(session: Path, frames: str | None, out: Path | None, json: bool
                     write_cloud(part, cloud, opened.file.session.world_unit_m)
                 counts.append(len(cloud))
             bar.update()
-    _summarise(json, opened, folder, numbers, counts)
     note(*measuring.warnings)
-    return stop.code
+    report = {"clouds": len(counts), "frames": len(numbers), "points": counts, "output": folder}
+    return Answer(report, _summary(opened, folder, numbers, counts), stop.code)
 
 
-def _summarise(
-    as_json: bool, session: Session, out: Path, frames: range, counts: list[int]
-) -> None:
-    report = {"clouds": len(counts), "frames": len(frames), "points": counts, "output": out}
+def _summary(session: Session, out: Path, frames: range, counts: list[int]) -> list[str]:
+    """Return what clouds were made, in lines."""
     if not counts:
-        none = (
+        return [
             f"no frame of {len(frames)} has images of both cameras of a pair; nothing was written."
-        )
-        answer(as_json, report, none)
-        return
+        ]
     lines = [
         f"{len(counts)} clouds of {len(frames)} frames in {out}; {min(counts)} to {max(counts)} points."
     ]
@@ -246,7 +238,7 @@ def _summarise(
         lines.append(
             f'To use these files instead of matching anew: in [clouds], files = "{place}/*.ply".'
         )
-    answer(as_json, report, *lines)
+    return lines
 
 
 def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
@@ -274,16 +266,15 @@ def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
 # ---- `handtrack detector install`: the detector's weights for all sessions of this user, fetched or copied
 
 
-def install(file: Path | None, json: bool) -> int:
+def install(file: Path | None) -> Answer:
     """Install the networks of the file given, else fetch them by pip; say their licence."""
     if file is None:
         print_status(f"fetching the detector's networks by pip, {DOWNLOAD_MB} MB …")
     target = fetch_weights() if file is None else install_weights(file)
     digest = digest_of(target)
-    answer(
-        json,
-        {"source": file, "output": target, "sha256": digest, "licence": LICENCE},
+    lines = (
         f"The detector is installed in {target}; its networks are those that handtrack was tested with.",
         f"Licence of these weights: {LICENCE}.",
     )
-    return 0
+    report = {"source": file, "output": target, "sha256": digest, "licence": LICENCE}
+    return Answer(report, lines)

@@ -14,10 +14,10 @@ from handtrack.session.doctor.check_views import SEVERITIES, Finding
 from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session
 from handtrack.session.sources.video_audits import keep_audits
-from handtrack_app.commands.terminal.output import answer, output_file
+from handtrack_app.commands.terminal.output import Answer, output_file
 
 
-def check_session(session: Path, picture: Path | None, json: bool) -> int:
+def check_session(session: Path, picture: Path | None) -> Answer:
     """Print the findings, the gravest first; draw the rig where that is asked for."""
     if picture is not None:
         output_file(picture, (".png",), "pictures are", option="--picture")
@@ -34,8 +34,7 @@ def check_session(session: Path, picture: Path | None, json: bool) -> int:
         _draw(opened, findings, picture)
         lines.append(f"the rig is drawn in {picture}.")
     report = [{"severity": finding.severity, "text": finding.text} for finding in findings]
-    answer(json, {"session": opened.name, "findings": report, "picture": picture}, *lines)
-    return 0
+    return Answer({"session": opened.name, "findings": report, "picture": picture}, lines)
 
 
 def _draw(session: Session, findings: Sequence[Finding], out: Path) -> None:

@@ -25,7 +25,7 @@ from handtrack.tracking.frame.tables.track_model import model_of
 from handtrack.tracking.size.spread import spread_of_track
 from handtrack_app.commands.terminal.output import (
     INTERRUPTED,
-    answer,
+    Answer,
     note,
     output_file,
     print_status,
@@ -47,12 +47,10 @@ _FILES = {
 _OF_RECORDINGS = ("frames", "init", "use", "set", "person")
 
 
-def fit_person(options: Namespace) -> int:
-    """Save the person of a tracked sequence; or track the frames asked for, fit a person to some of them, and save it. Return the
-    exit code.
-    """
+def fit_person(options: Namespace) -> int | Answer:
+    """Save the person of a tracked sequence; or track the frames asked for, fit a person to some of them, and save it."""
     if options.spread:
-        return _print_spread(options.session, options.json)
+        return _spread(options.session)
     if options.session.suffix.lower() == ".npz":
         return _of_track(options)
     session, overrides, _, first = asked_for(options, {"model.fit_size": False})
@@ -83,10 +81,10 @@ def fit_person(options: Namespace) -> int:
         )
     note(*after.notes)
     source = f"session {session.name}, frames {frames.start} to {frames.stop - 1}"
-    return _save(options.json, out, replace(after.model, scale=replace(after.scale, source=source)))
+    return _saved(out, replace(after.model, scale=replace(after.scale, source=source)))
 
 
-def _of_track(options: Namespace) -> int:
+def _of_track(options: Namespace) -> Answer:
     given = [name for name in _OF_RECORDINGS if getattr(options, name)]
     if given:
         raise HandtrackError(
@@ -102,17 +100,12 @@ def _of_track(options: Namespace) -> int:
     out = _new_file(
         options.out or options.session.with_name(_FILES[options.command][model.kind]), model.kind
     )
-    return _save(
-        options.json,
-        out,
-        replace(
-            model,
-            scale=replace(model.scale, source=f"{options.session.name} of session {track.session}"),
-        ),
-    )
+    source = f"{options.session.name} of session {track.session}"
+    return _saved(out, replace(model, scale=replace(model.scale, source=source)))
 
 
-def _save(as_json: bool, out: Path, model: ArticulatedModel) -> int:
+def _saved(out: Path, model: ArticulatedModel) -> Answer:
+    """Write a model's shape to a new file; return what it is."""
     rows = [row for row in shape_numbers(model) if row.name != FOREARM_END]
     write_scale(
         out,
@@ -132,13 +125,8 @@ def _save(as_json: bool, out: Path, model: ArticulatedModel) -> int:
         ]
     saved += [f"{hand.capitalize()}." if hand else "", f"Saved to {out}"]
     scale = scale_table(model.scale)
-    answer(
-        as_json,
-        {"scale": scale, "hand": hand, "not_measured": unmeasured, "output": out},
-        " ".join(filter(None, saved)),
-        use,
-    )
-    return 0
+    report = {"scale": scale, "hand": hand, "not_measured": unmeasured, "output": out}
+    return Answer(report, [" ".join(filter(None, saved)), use])
 
 
 def _new_file(out: Path, kind: str) -> Path:
@@ -150,26 +138,25 @@ def _new_file(out: Path, kind: str) -> Path:
     return out
 
 
-def _print_spread(poses: Path, json: bool) -> int:
-    """Print the four settings as lines of [tracking], and how well they explain what was seen."""
+def _spread(poses: Path) -> Answer:
+    """Return the four settings as lines of [tracking], and how well they explain what was seen."""
     track = read_npz(poses)
     try:
         spread = spread_of_track(track)
     except HandtrackError as error:
         raise HandtrackError(f"{poses}: {error}") from None
     frames, left_deg = spread["frames"], np.rad2deg(spread["residual_rad"])
-    answer(json, spread, *(f"{name} = {value:g}" for name, value in spread["settings"].items()))
     print_status(
         f"from {frames} {'frame' if frames == 1 else 'frames'}; the linkage leaves {left_deg:.1f}° of the abductions unexplained "
         f"({100 * spread['explained']:.0f} % of their squares explained). Use with model.coupling = 18."
     )
-    return 0
+    return Answer(spread, [f"{name} = {value:g}" for name, value in spread["settings"].items()])
 
 
 # ---- `handtrack skin`: the colour of skin from several images segmented by hand, for the filter of [clouds]
 
 
-def fit_skin(session: Path, segmented: list[list[str]] | None, size: float, json: bool) -> int:
+def fit_skin(session: Path, segmented: list[list[str]] | None, size: float) -> Answer:
     """Fit one ellipse in (r, g) to all of them and write it into opened.toml."""
     opened = Session.open(session)
     if opened.file.clouds is None:
@@ -187,14 +174,11 @@ def fit_skin(session: Path, segmented: list[list[str]] | None, size: float, json
         opened.folder / SESSION_FILE, {"clouds.skin": asdict(skin)}, "a session's settings"
     )
     (red, green), images = skin.mean, len(samples)
-    answer(
-        json,
-        {"pixels": sum(map(len, samples)), "images": images, "r": red, "g": green},
-        f"{sum(map(len, samples))} pixels of {images} {'image' if images == 1 else 'images'}: r = {red:.3f}, g = {green:.3f}. "
-        f"[clouds] of {SESSION_FILE}: skin.{kept}",
-    )
     if images == 1:
-        print_status(
-            "note: one image; a second under other light makes the ellipse hold there as well."
-        )
-    return 0
+        note("one image; a second under other light makes the ellipse hold there as well.")
+    pixels = sum(map(len, samples))
+    words = (
+        f"{pixels} pixels of {images} {'image' if images == 1 else 'images'}: r = {red:.3f}, g = {green:.3f}. "
+        f"[clouds] of {SESSION_FILE}: skin.{kept}"
+    )
+    return Answer({"pixels": pixels, "images": images, "r": red, "g": green}, [words])

@@ -26,20 +26,17 @@ from handtrack.store.lease import holder_of
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import Take
 from handtrack.tracking.frame.result import TrackResult
-from handtrack_app.commands.terminal.output import answer, note, output_file, print_status
+from handtrack_app.commands.terminal.output import Answer, note, output_file, print_status
 from handtrack_app.commands.terminal.track_options import parse_frames
 
 _NEGLIGIBLE_M = 1e-4  # a tenth of a millimetre: the bound that every format is held to
 
 
-def export_poses(options: Namespace) -> int:
+def export_poses(options: Namespace) -> Answer:
     """Write the converted file, and those that belong to it, and name them."""
     if options.to is None:
         formats = {known.name: known.purpose for known in FORMATS}
-        answer(
-            options.json, formats, *(f"{name:10} {purpose}" for name, purpose in formats.items())
-        )
-        return 0
+        return Answer(formats, [f"{name:10} {purpose}" for name, purpose in formats.items()])
     chosen = export_format(options.to)
     around = options.poses.resolve().parents[len(Path(POSES_FILE).parts) - 1]
     folder = options.session or (around if (around / SESSION_FILE).is_file() else None)
@@ -63,7 +60,6 @@ def export_poses(options: Namespace) -> int:
     kept = f"; the file before is kept as {previous}" if previous else ""
     beside = f", with {', '.join(path.name for path in written[1:])}" if written[1:] else ""
     report = {"frames": len(table.track), "output": out, "files": written, "previous": previous}
-    answer(options.json, report, f"{len(table.track)} frames written to {out}{beside}{kept}")
     if folder is not None:
         note(*_foreign(table.track, options.poses, folder))
     if chosen.one_skeleton and table.misfit_m > _NEGLIGIBLE_M:
@@ -71,7 +67,7 @@ def export_poses(options: Namespace) -> int:
             f"note: {options.poses} has frames with different hand sizes; {options.to} has one skeleton for all, with errors of up to "
             f"{1e3 * table.misfit_m:.1f} mm in some frames."
         )
-    return 0
+    return Answer(report, [f"{len(table.track)} frames written to {out}{beside}{kept}"])
 
 
 def _foreign(track: TrackResult, poses: Path, folder: Path) -> list[str]:
@@ -97,8 +93,7 @@ def manage_takes(
     prune: int | None,
     frames: str | None,
     take_over: bool,
-    json: bool,
-) -> int:
+) -> int | Answer:
     """List the takes, or do with them what the options say."""
     opened = Session.open(session)
     folder = opened.folder / TRACKS_FOLDER
@@ -112,9 +107,9 @@ def manage_takes(
             freed = store.prune(prune)
         print(f"take {prune} is removed; {freed / 1e6:.1f} MB are free.")
     elif compare is not None:
-        _compare(json, Store(folder), opened, compare, chosen)
+        return _compared(Store(folder), opened, compare, chosen)
     else:
-        _list(json, Store(folder), opened)
+        return _list(Store(folder), opened)
     return 0
 
 
@@ -129,9 +124,7 @@ def _restore(folder: Path, take: int, frames: range | None, take_over: bool) -> 
         note(*store.damage())
 
 
-def _compare(
-    as_json: bool, store: Store, session: Session, numbers: list[int], frames: range | None
-) -> None:
+def _compared(store: Store, session: Session, numbers: list[int], frames: range | None) -> Answer:
     takes = [store.take(number) for number in numbers]
     differences = compared(*(take.track(frames) for take in takes))
     if session.truth is not None:
@@ -143,7 +136,7 @@ def _compare(
         if overlap is not None:
             differences[f"take_{take.number}_overlap"] = overlap
     shown = {name: "-" if value is None else f"{value:.4g}" for name, value in differences.items()}
-    answer(as_json, differences, *(f"{name:28s} {value}" for name, value in shown.items()))
+    return Answer(differences, [f"{name:28s} {value}" for name, value in shown.items()])
 
 
 def _overlap(session: Session, take: Take, frames: range | None) -> float | None:
@@ -168,7 +161,7 @@ def _overlap(session: Session, take: Take, frames: range | None) -> float | None
         return None
 
 
-def _list(as_json: bool, store: Store, session: Session) -> None:
+def _list(store: Store, session: Session) -> Answer:
     spans, damage, holder = store.current(), store.damage(), holder_of(store.folder)
     foreign = foreign_takes(store, session)
     listed = [_listed(take, spans) for take in store.takes()]
@@ -179,10 +172,10 @@ def _list(as_json: bool, store: Store, session: Session) -> None:
         "writer": holder and str(holder),
     }
     none = f"{store.folder}: no takes yet; `handtrack track` makes one."
-    answer(as_json, report, *([words for _, words in listed] or [none]))
     if holder is not None:
         print_status(f"note: {holder} is writing here.")
     note(*foreign, *damage)
+    return Answer(report, [words for _, words in listed] or [none])
 
 
 def _listed(take: Take, spans: Sequence[Span]) -> tuple[dict[str, object], str]:

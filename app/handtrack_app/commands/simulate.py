@@ -36,7 +36,7 @@ from handtrack.simulation.retarget import (
 )
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.commands.terminal.output import (
-    answer,
+    Answer,
     check_new,
     new_folder,
     output_file,
@@ -50,7 +50,7 @@ _FRAMES = 100
 _SUFFIXES = (".bvh", ".amc", ".asf", ".trc", ".c3d", ".csv")
 
 
-def run(options: Namespace) -> int:
+def run(options: Namespace) -> Answer:
     """Render the session folder and name it."""
     check_new(options.out)
     file = _motion_file(options)
@@ -101,10 +101,8 @@ def run(options: Namespace) -> int:
 
         simulate(folder, what, show, known)
     words = f"simulated session in {options.out}; open it with: handtrack open {options.out}"
-    answer(
-        options.json, {"session": options.out, "frames": frames, "cameras": options.cameras}, words
-    )
-    return 0
+    report = {"session": options.out, "frames": frames, "cameras": options.cameras}
+    return Answer(report, [words])
 
 
 def _usual(model: str) -> tuple[str, float]:
@@ -127,7 +125,7 @@ def _motion_file(options: Namespace) -> Path | None:
 # ---- `handtrack retarget`: a model fitted to a motion file
 
 
-def retarget(options: Namespace) -> int:
+def retarget(options: Namespace) -> Answer:
     """Fit size and every frame; write poses, or a session with them; tell how near each joint is."""
     is_file = options.out.suffix.lower() == ".npz"
     if is_file:
@@ -167,8 +165,7 @@ def retarget(options: Namespace) -> int:
         "median_mm": round(float(np.nanmedian(errors)), 2), "p95_mm": round(float(np.nanpercentile(errors, 95)), 2),
         "joints_mm": table,
     }  # fmt: skip
-    answer(options.json, report, *lines)
-    return 0
+    return Answer(report, lines)
 
 
 # ---- The motion file that a command is given

@@ -52,7 +52,7 @@ from handtrack_app.commands.new_session.recordings import (
     with_joints,
     without_padding,
 )
-from handtrack_app.commands.terminal.output import answer, check_new, new_folder, print_status
+from handtrack_app.commands.terminal.output import Answer, check_new, new_folder, print_status
 
 _RATE_TOLERANCE = 0.01
 _MOST = 0.5
@@ -60,7 +60,7 @@ _MOST = 0.5
 _WITHOUT_JOINTS = "skin_ycrcb"
 
 
-def make_session(options: Namespace) -> int:
+def make_session(options: Namespace) -> int | Answer:
     """Make the folder; whatever is wrong is found before anything is written."""
     project = fill_by_project(options)
     recorded = recorded_cameras(options)
@@ -182,13 +182,11 @@ def make_session(options: Namespace) -> int:
             "frames": count,
             "model": hand.model,
         }
-        answer(
-            options.json,
-            report,
+        words = (
             f"{made} Look at it with: handtrack doctor {options.out}; then track it with: handtrack track {options.out} --init auto, "
-            f"or pose the {kind.word} by hand with: handtrack open {options.out}",
+            f"or pose the {kind.word} by hand with: handtrack open {options.out}"
         )
-        return 0
+        return Answer(report, [words])
     print_status(made)
     on = ["--yes"] * options.yes + ["--json"] * options.json
     then = [["track", str(options.out), "--init", "auto", *on]]
@@ -272,7 +270,7 @@ def _place(index: int, camera: str) -> str:
 # ---- `handtrack sample`: a recording that comes with the program, as files
 
 
-def save_sample(name: str, to: Path, json: bool) -> int:
+def save_sample(name: str, to: Path) -> Answer:
     """Write the sample into a new folder and name what is in it."""
     if name not in sample_names():  # before anything is made
         raise unknown_name("sample", name, sample_names())
@@ -283,5 +281,4 @@ def save_sample(name: str, to: Path, json: bool) -> int:
     words = [f"{len(files)} files in {to}: {shown}"]
     if name != TWO_VIDEOS:
         words.append(f"Open it with: handtrack open {to}")
-    answer(json, {"sample": name, "folder": to, "files": files}, *words)
-    return 0
+    return Answer({"sample": name, "folder": to, "files": files}, words)

@@ -7,10 +7,10 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tqdm import tqdm
 
@@ -95,11 +95,22 @@ def new_folder(folder: Path) -> Iterator[Path]:
 # ---- What a command answers: a sentence or two for people, or one JSON object for programs
 
 
-def answer(as_json: bool, table: Mapping[str, object], *lines: str) -> None:
-    """Print the lines on stdout, or the table as JSON for `--json`. Notes go to stderr (`say`) either way."""
-    text = json.dumps(table, indent=1, default=str) if as_json else "\n".join(lines)
-    if text:
-        print(text, flush=True)
+class Answer(NamedTuple):
+    """What a command returns, to be printed. Notes go to stderr (`note`)."""
+
+    report: Mapping[str, object]
+    """for programs: one object of JSON"""
+    lines: Sequence[str]
+    """for people"""
+    code: int = 0
+    """the exit code"""
+
+    def print(self, as_json: bool) -> int:
+        """Print it on stdout; return the exit code. as_json: `--json` was given."""
+        text = json.dumps(self.report, indent=1, default=str) if as_json else "\n".join(self.lines)
+        if text:
+            print(text, flush=True)
+        return self.code
 
 
 # ---- Questions to whoever sits at the terminal; where nobody does, nothing is asked
