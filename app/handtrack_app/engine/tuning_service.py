@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from handtrack.arrays import Floats, P, S
+from handtrack.arrays import Floats, P
 from handtrack.model.size import with_number
-from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import Edit, decide
 from handtrack.tracking.pulling import fitted_again
 from handtrack_app.engine.posing_service import set_pose
@@ -24,18 +21,6 @@ if TYPE_CHECKING:
     from handtrack_app.engine.open_session import OpenSession
 
 
-@dataclass(frozen=True, eq=False)
-class _Order:
-    """A frame to be fitted, and all that it goes by."""
-
-    run: TrackingRun
-    frame: int
-    stood: Floats[S]
-    """the pose that it begins with"""
-    tag: str
-    """of the control that was moved"""
-
-
 class TuningService(Service):
     """Settings and limits."""
 
@@ -43,8 +28,8 @@ class TuningService(Service):
         super().__init__(opened)
         self._refits = False
         """whether a changed setting or limit fits the frame shown anew"""
-        self._order: _Order | None = None
-        """the newest; any other is given up at its next solver step"""
+        self._order: object | None = None
+        """of the newest fit; any other is given up at its next solver step"""
         self._fitting = NewestFirst[Callable[[], None]](opened.post, "refitting")
 
     @Command(edits=True, files=True)
@@ -106,38 +91,37 @@ class TuningService(Service):
         if not self._refits or document.session.live is not None:
             return
         document.refuse_to_fit(document.frame)
-        order = _Order(document.run, document.frame, document.shown.copy(), self.store.tag)
-        self._order = order
-        self._fitting.ask("refit", partial(self._fit, order))
+        run, frame, stood, tag = document.run, document.frame, document.shown.copy(), self.store.tag
+        self._order = order = object()
 
-    def _fit(self, order: _Order) -> Callable[[], None]:
-        """Fit a frame anew, beside the worker; return what the worker is to do with that, or with what went wrong."""
-        run = order.run
-        result: Floats[P] | Exception | None
-        try:
-            stood = run.model.params_within_limits(order.stood)
-            observed = run.observation(order.frame, run.model.bones(stood))
-            stop = lambda: self._order is not order  # noqa: E731
-            result = fitted_again(run.model, run.settings, observed, stood, stop)
-        except Exception as error:  # the page must go on, and the user must know
-            result = error
-        return partial(self._refitted, order, result)
+        def fit() -> Callable[[], None]:
+            """Fit beside the worker; return what the worker is to do with that, or with what went wrong."""
+            result: Floats[P] | Exception | None
+            try:
+                begun = run.model.params_within_limits(stood)
+                observed = run.observation(frame, run.model.bones(begun))
+                stop = lambda: self._order is not order  # noqa: E731
+                result = fitted_again(run.model, run.settings, observed, begun, stop)
+            except Exception as error:  # the page must go on, and the user must know
+                result = error
+            return lambda: take(result)
 
-    def _refitted(self, order: _Order, result: Floats[P] | Exception | None) -> None:
-        """Take a frame that was fitted anew, unless it is not of what is shown and holds now. Raises what kept it from being fitted."""
-        document = self.document
-        if self.jobs.busy or order is not self._order:
-            return
-        self._order = None
-        if isinstance(result, Exception):
-            raise result
-        here = (order.run, order.frame) == (document.run, document.frame)
-        if result is None or not here or not np.array_equal(order.stood, document.shown):
-            return
-        pinned = bool(document.session.pins.of(order.frame))  # they were among what was fitted
-        values = document.model.joint_params(result)
-        edit = set_pose(document, order.frame, values, refitted=True, pinned=pinned)
-        self.opened.edit(order.frame, edit, "Fit", order.tag, True)
+        def take(result: Floats[P] | Exception | None) -> None:
+            """Take the frame, unless it is not of what is shown and holds now. Raises what kept it from being fitted."""
+            if self.jobs.busy or self._order is not order:
+                return
+            self._order = None
+            if isinstance(result, Exception):
+                raise result
+            is_here = (run, frame) == (document.run, document.frame)
+            if result is None or not is_here or not np.array_equal(stood, document.shown):
+                return
+            pinned = bool(document.session.pins.of(frame))  # they were among what was fitted
+            values = document.model.joint_params(result)
+            edit = set_pose(document, frame, values, refitted=True, pinned=pinned)
+            self.opened.edit(frame, edit, "Fit", tag, True)
+
+        self._fitting.ask("refit", fit)
 
     def cancel(self) -> None:
         """Let the latest change stand without a fit."""
