@@ -50,13 +50,14 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     from handtrack.capture.images.containers import CAPTURE_OPTIONS
+    from handtrack_app.commands.terminal.output import Answer
 
     os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", CAPTURE_OPTIONS)
     try:
         run = function_of(args.command)
         values = {**vars(args), "options": args}
         result = run(**{name: values[name] for name in signature(run).parameters})
-        code = result if isinstance(result, int) else result.print(args.json)
+        code = result.print(args.json) if isinstance(result, Answer) else result
         sys.stdout.flush()
     except HandtrackError as error:
         return _failed(args.command, str(error), EXIT_USAGE)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from handtrack.capture.masks.mask_correction import (
     painted,
 )
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
-from handtrack.capture.masks.segmentation import METHODS
+from handtrack.capture.masks.segmentation import METHODS, read_mask_method
 from handtrack.errors import HandtrackError
 from handtrack.session.session_state import Correction, Edit, MaskSource, decide
 from handtrack.session.sources.corrected_masks import encoded
@@ -96,9 +97,6 @@ def _as_taken(view: View, points: Sequence[Sequence[float]]) -> Floats[N, D2]:
     return np.nan_to_num(places, nan=-1e4)
 
 
-_MOST_CARRIED = 50  # frames each way; what is carried drifts
-
-
 class MaskService(Service):
     """Masks."""
 
@@ -127,22 +125,13 @@ class MaskService(Service):
     def _source(self, view: View, values: dict[str, object]) -> MaskSource:
         """Return where a camera's masks come from with other values. Raises HandtrackError."""
         source = mask_source(view)
-        table, roi = source.masks, source.roi
+        table = source.masks
         if "method" in values:
             table = self._begun(view, str(values.pop("method")))
-        if "roi" in values:
-            roi, box = None, values.pop("roi")
-            if isinstance(box, list | tuple):
-                x, y, width, height = (int(part) for part in box)
-                roi = x, y, width, height
+        roi: Any = values.pop("roi", source.roi)
         if values:
-            known = table if isinstance(table, dict) else dict[str, object]()
-            for name in values:
-                if name not in known:
-                    raise HandtrackError(
-                        f"the masks of camera '{view.name}' have no setting '{name}'."
-                    )
-            table = {**known, **values}
+            table = (table if isinstance(table, dict) else {}) | values
+            read_mask_method(table, f"masks of camera '{view.name}'")
         return MaskSource(table, roi)
 
     def _begun(self, view: View, name: str) -> str | dict[str, object] | None:
@@ -186,7 +175,7 @@ class MaskService(Service):
             high = np.clip(np.round(places.max(axis=0)), low + 2, size).astype(int)
             values: dict[str, object] = {what: tuple(int(v) for v in (*low, *(high - low)))}
             if what == "sample":
-                values["reference"] = self.document.clamped(frame)
+                values["reference"] = frame
             return self._changed(camera, values)
 
         self._do("Masks: box", edit)
@@ -230,7 +219,7 @@ class MaskService(Service):
     def _place(self, camera: str, frame: int) -> tuple[View, int]:
         """Return a camera's view and its own frame. Raises HandtrackError where it shows nothing."""
         view = self.document.session.view(camera)
-        own = view.own_frame(self.document.clamped(frame))
+        own = view.own_frame(frame)
         if own is None:
             raise HandtrackError(f"camera '{camera}' shows nothing at frame {frame}.")
         return view, own
@@ -248,12 +237,11 @@ class MaskService(Service):
             store.check()
             store.write_what_rests(at_once=True)
             views = [view for view in document.session.views if camera in ("", view.name)]
-            low, high = (min(max(n, 0), _MOST_CARRIED) for n in (before, behind))
-            at = document.clamped(frame)
-            frames = range(document.clamped(at - low), document.clamped(at + high) + 1)
+            first, last = (document.clamped(frame + n) for n in (-before, behind))
+            frames = range(first, last + 1)
 
             def work(job: BackgroundJob) -> None:
-                if carried := carry(job, views, at, frames, self._is_painted):
+                if carried := carry(job, views, frame, frames, self._is_painted):
                     job.report(self._take_carried, carried)
 
             self.jobs.begin("carrying", work)

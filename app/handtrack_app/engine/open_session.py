@@ -142,8 +142,11 @@ class OpenSession:
         try:
             if self._live is not None and call.command.files:
                 raise HandtrackError(KEEPS_NOTHING)
-            self.document.version = max(self.document.version, call.arguments.get("version", 0))
-            self._commands[call.name](**call.arguments)
+            arguments, document = dict(call.arguments), self.document
+            if arguments.get("frame") is not None:  # of the page, which may know others
+                arguments["frame"] = document.clamped(arguments["frame"])
+            document.version = max(document.version, arguments.get("version", 0))
+            self._commands[call.name](**arguments)
         finally:
             self._served = call.number or self._served
 
@@ -327,7 +330,6 @@ class OpenSession:
         is_stroke: bool = False,
     ) -> None:
         """Change a pose, and show it. It is written when edits rest. words: what is done, for undo."""
-        frame = self.document.clamped(frame)
         try:
             done = f"{words}, frame {frame}"
             self.store.do(done, edit, tag, waits=True, is_stroke=is_stroke)

@@ -122,7 +122,7 @@ class PosingService(Service):
         document, meant = self.document, np.asarray(target, dtype=float)
         model = document.model
         (bone,), (point,) = pinned_places(model, [Pin("", (0.0, 0.0), *hold)])
-        params = model.params_within_limits(document.pose_at(document.clamped(frame)))
+        params = model.params_within_limits(document.pose_at(frame))
         reached = model.joint_params(reach(model, params, int(bone), point, meant))
         edit = pose(document, frame, reached.tolist())
         self.opened.edit(frame, edit, f"Pull of {hold.words}", tag, True)
@@ -130,8 +130,7 @@ class PosingService(Service):
     @Command(edits=True, at_once=stops_following)
     def forget_pose(self, frame: int, version: int) -> None:
         """Drop what was set by hand at a frame; the tracked pose shows again."""
-        known = self.document.clamped(frame) in self.document.by_hand
-        forgotten = decide(pose={frame: None}) if known else NOTHING
+        forgotten = decide(pose={frame: None}) if frame in self.document.by_hand else NOTHING
         self.opened.edit(frame, forgotten, "Pose dropped")
 
     @Command(at_once=stops_following)
@@ -163,7 +162,6 @@ class PosingService(Service):
         it changes least. tag: of the drag.
         """
         self._refuse_live()
-        frame = self.document.clamped(frame)
         if self._pull is None or (self._pull.tag, self._pull.frame) != (tag, frame):
             self._pull = self._begun(frame, tag)
         pin, session = Pin(camera, pixel, *hold), self.document.session
@@ -183,7 +181,7 @@ class PosingService(Service):
     ) -> None:
         """Drop one of a frame's pins by its place in the list, or all (None)."""
         self._refuse_live()
-        document, frame = self.document, self.document.clamped(frame)
+        document = self.document
         self._pull = self._begun(frame, "")
         own, edit = document.session.pins.of(frame), NOTHING
         left = () if which is None else tuple(p for n, p in enumerate(own) if n != which)
@@ -234,7 +232,6 @@ def pose(document: Document, frame: int, values: Sequence[float]) -> Edit:
 
 def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> Edit:
     """Set a frame's pose as it is, within limits. how: `found` by a search, `pinned`, or `refitted`."""
-    frame = document.clamped(frame)
     known = document.decided_pose(frame).parameters  # of other models, too
     now = document.model.named(values)
     return decide(pose={frame: DecidedPose({**known, **now}, **how)})

@@ -65,11 +65,9 @@ class TuningService(Service):
     @Command(edits=True, latest=("name",))
     def set_limits(self, name: str, interval: tuple[float, float] | None, tag: str = "") -> None:
         """Change the interval of a joint parameter [m, rad]; None restores the model's own."""
-        self._change(
-            lambda: edits.limits(self.document, name, interval),
-            tag or f"Limits of {name}",
-            interval is not None,
-        )
+        low_high = None if interval is None else tuple(sorted(interval))
+        edit = decide(limits={name: low_high})
+        self._change(lambda: edit, tag or f"Limits of {name}", interval is not None)
 
     @Command(edits=True, latest=("name",))
     def set_shape(self, name: str, value: float, tag: str = "") -> None:

@@ -17,7 +17,7 @@ from handtrack.store.history import History
 from handtrack.store.store import Store
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.posing_service import set_pose
-from handtrack_app.engine.store import edits, saving
+from handtrack_app.engine.store import saving
 from tests.app.fake_run import FRAMES
 from tests.app.opened import opened
 from tests.killing import KILLS, forked, killed
@@ -103,8 +103,7 @@ class Session:
 
     def limits(self):
         interval = self.rng.choice((None, (0.0, self.rng.uniform(0.2, 1.0))))
-        values = edits.limits(self.store.document, "index_pip_flex", interval)
-        self.store.do("Limits", values)
+        self.store.do("Limits", decide(limits={"index_pip_flex": interval}))
 
     def track(self):
         store, rng = self.store, self.rng

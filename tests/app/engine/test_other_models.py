@@ -20,7 +20,7 @@ def test_tracks_poses_and_limits_come_back_with_their_model(tmp_path):
     document = store.document
     for frame in (5, 6, 7):
         posed(store, frame, 0.01)
-    did(store, edits.limits(document, "ring_pip_flex", (0.1, 0.9)))
+    did(store, decide(limits={"ring_pip_flex": (0.1, 0.9)}))
     kept = document.pose_at(5).copy()
     document.show(5)
     shown = document.shown.copy()

@@ -11,7 +11,6 @@ from handtrack.session.session_state import decide
 from handtrack.store.store import Span
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.posing_service import pose_before
-from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import export_beside
 from handtrack_app.protocol import snapshots
 from tests.app.desk import working
@@ -61,7 +60,7 @@ def test_a5b_a_keyframe_keeps_its_value_when_limits_are_narrowed_later(tmp_path)
     values[at] = 1.2
     did(store, pose_edit(store.document, 5, values.tolist()))
     for interval in ((0.0, 0.5), None, (0.0, 0.6)):
-        did(store, edits.limits(store.document, "index_pip_flex", interval))
+        did(store, decide(limits={"index_pip_flex": interval}))
     assert store.document.by_hand[5][at] == pytest.approx(1.2)
     assert_array_equal(opened(tmp_path).document.by_hand[5], store.document.by_hand[5])
 

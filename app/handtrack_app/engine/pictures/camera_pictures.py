@@ -316,9 +316,8 @@ class Painter(FramePictures):
         """Show these pictures. paint: over the small ones: `plain`, `outline`, `residual` or `field`. screens: cameras whose pictures
         stand behind the hand, each with what is painted over it. masks: of all cameras, too.
         """
-        names = self._document.session.rig.names
         self._thumbnails, self._masks, self._paint = thumbnails, masks, paint
-        self._screens = tuple((name, over) for name, over in screens if name in names)
+        self._screens = screens
         self.hurried_s = _MASKS_EVERY_S if masks else type(self).hurried_s
         self.show()
 

@@ -6,9 +6,8 @@ import json
 from collections.abc import Iterable, Sequence
 
 import msgspec
-import numpy as np
 
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.session.session_state import (
     NOTHING,
@@ -83,17 +82,6 @@ def method(document: Document, value: object) -> Edit:
     wanted = own if chosen.method == own["method"] else chosen.flat()
     touched = ("method", *METHODS[now.method].values, *METHODS[chosen.method].values)
     return decide(setting={name: wanted[name] for name in touched})
-
-
-def limits(document: Document, name: str, interval: tuple[float, float] | None) -> Edit:
-    """Change the interval of a joint parameter [rad]; None: the model's own. Raises HandtrackError."""
-    names = document.model.parameter_names
-    if name not in names[6:]:
-        raise unknown_name("parameter with limits", name, names[6:])
-    if interval is None:
-        return decide(limits={name: None})
-    low, high = sorted(float(np.clip(v, -np.pi, np.pi)) for v in interval)
-    return decide(limits={name: (low, high)})
 
 
 def size(scale: HandScale, pending: bool = False, live: HandScale | None = None) -> Edit:
