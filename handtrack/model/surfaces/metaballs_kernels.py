@@ -13,6 +13,12 @@ TINY = 1e-9
 """Level k below which a point counts as the centre, where directions are undefined."""
 
 
+BLOCK = 64
+"""points that are looked at together"""
+NOTHING = 40.0
+"""e to minus so much is nothing beside 1"""
+
+
 @compiled_as_numpy
 def pose_table(frames, ellipsoids, table):  # pragma: no cover - compiled
     """Fill table (E, 16) with the ellipsoids where the bones have carried them."""
@@ -75,23 +81,43 @@ def merged_distance(
 ):  # pragma: no cover - compiled
     """Fill distance (N,), closest (N,) and, if wanted, gradient (N, 3) of the merged surface at points (N, 3)."""
     table, _, start, members, sharpness, turning = surface
-    each = np.empty(table.shape[0])
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        best, least = 0, np.inf
+    place, each = np.empty((3, BLOCK)), np.empty((table.shape[0], BLOCK))
+    least, who = np.empty(BLOCK), np.empty(BLOCK, np.int64)
+    for first in range(0, points.shape[0], BLOCK):
+        count = min(BLOCK, points.shape[0] - first)
+        for i in range(count):
+            for axis in range(3):
+                place[axis, i] = points[first + i, axis]
+        least[:], who[:] = np.inf, 0
         for e in range(table.shape[0]):
-            each[e] = ellipsoid_distance(table, e, turning, x, y, z)
-            if each[e] < least:
-                best, least = e, each[e]
-        total, gx, gy, gz = 0.0, 0.0, 0.0, 0.0
-        for n in range(start[best], start[best + 1]):
-            e = members[n]
-            share = np.exp(-sharpness * (each[e] - least))
-            total += share
+            _fill_distances(table, e, turning, place, each[e])
+            for i in range(BLOCK):
+                who[i] = e if each[e, i] < least[i] else who[i]
+                least[i] = each[e, i] if each[e, i] < least[i] else least[i]
+        for i in range(count):
+            n, best = first + i, who[i]
+            total, gx, gy, gz = 0.0, 0.0, 0.0, 0.0
+            for m in range(start[best], start[best + 1]):
+                e = members[m]
+                further = sharpness * (each[e, i] - least[i])
+                if further > NOTHING and not want_gradient:
+                    continue
+                share = np.exp(-further)
+                total += share
+                if want_gradient:
+                    _, nx, ny, nz = ellipsoid_gradient(
+                        table, e, turning, place[0, i], place[1, i], place[2, i]
+                    )
+                    gx, gy, gz = gx + share * nx, gy + share * ny, gz + share * nz
+            closest[n] = best
+            distance[n] = each[best, i] - np.log(total) / sharpness
             if want_gradient:
-                _, nx, ny, nz = ellipsoid_gradient(table, e, turning, x, y, z)
-                gx, gy, gz = gx + share * nx, gy + share * ny, gz + share * nz
-        closest[i] = best
-        distance[i] = each[best] - np.log(total) / sharpness
-        if want_gradient:
-            gradient[i, 0], gradient[i, 1], gradient[i, 2] = gx / total, gy / total, gz / total
+                gradient[n, 0], gradient[n, 1], gradient[n, 2] = gx / total, gy / total, gz / total
+
+
+@compiled_as_numpy
+def _fill_distances(table, e, turning, place, found):  # pragma: no cover - compiled
+    """Fill found (BLOCK,) with the distances of places (3, BLOCK) to an ellipsoid: a loop that is vectorised."""
+    x, y, z = place[0], place[1], place[2]
+    for i in range(BLOCK):
+        found[i] = ellipsoid_distance(table, e, turning, x[i], y[i], z[i])

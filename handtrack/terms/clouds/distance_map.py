@@ -11,8 +11,7 @@ from handtrack.errors import HandtrackError
 from handtrack.terms.clouds.distance_map_kernels import (
     fill_cells,
     fill_nearest,
-    fill_nodes,
-    look_up_all,
+    look_up,
 )
 
 SPACING_M = 0.006
@@ -26,7 +25,7 @@ class DistanceMap(NamedTuple):
     nearest: Array[X, Y, Z]
     """int32, the number of the filled cell nearest to each node; size 0 where there is no cloud at all"""
     first: Array[M]
-    """int32, where the points of each filled cell begin, and where the last ends"""
+    """int32, where the points of each cell begin, filled or not, and where the last ends"""
     points: Floats[N, D3]
     """the cloud in the box by cells, world [m]"""
     low: Floats[D3]
@@ -40,10 +39,10 @@ class DistanceMap(NamedTuple):
 
     def at_nodes(self) -> Array[X, Y, Z]:
         """Return the distance of each node, float32 [m]."""
-        values = np.empty(self.nearest.shape, np.float32)
-        if not self.is_empty:
-            fill_nodes(self, values)
-        return values
+        shape = self.nearest.shape
+        along = (low + self.spacing * np.arange(n) for low, n in zip(self.low, shape, strict=True))
+        nodes = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
+        return self.at(nodes.reshape(-1, 3))[0].reshape(shape).astype(np.float32)
 
     def at(self, points: Floats[N, D3]) -> tuple[Floats[N], Floats[N, D3]]:
         """Return distance [m] and its gradient at points world; zeros without a cloud."""
@@ -51,7 +50,7 @@ class DistanceMap(NamedTuple):
         check_shape(points, (None, 3), "points")
         distance, gradient = np.zeros(len(points)), np.zeros(points.shape)
         if not self.is_empty:
-            look_up_all(self, points, distance, gradient)
+            look_up(self, points, 0.0, distance, gradient)
         return distance, gradient
 
 

@@ -58,24 +58,23 @@ def _nearest(code, to, of, within, steps, least):
 
 @compiled_as_numpy
 def fill_cells(points, low, spacing, cells):  # pragma: no cover - compiled
-    """Fill cells (X, Y, Z) with the number of each filled cell, −1 where it is empty; return the points (N, 3) by cell, and
-    first (M + 1,): the points of cell m are those from first[m] to first[m + 1].
+    """Fill cells (X, Y, Z) with each filled cell's own number, −1 where it is empty; return the points (N, 3) by cell, and
+    first (XYZ + 1,): the points of cell m are those from first[m] to first[m + 1].
 
-    points (N, 3) lie inside the grid.
+    points (N, 3) lie inside the grid. A cell's number is its place in the flat grid.
     """
-    count, room = 0, points.shape[0]
-    first, cell = np.zeros(room + 1, np.int32), np.empty(room, np.int32)
-    cells[:] = -1
+    room, size = points.shape[0], cells.size
+    first, cell = np.zeros(size + 1, np.int32), np.empty(room, np.int64)
     for n in range(room):
         i = np.int64(np.rint((points[n, 0] - low[0]) / spacing))
         j = np.int64(np.rint((points[n, 1] - low[1]) / spacing))
         k = np.int64(np.rint((points[n, 2] - low[2]) / spacing))
-        if cells[i, j, k] < 0:
-            cells[i, j, k] = count
-            count += 1
-        cell[n] = cells[i, j, k]
+        cell[n] = (i * cells.shape[1] + j) * cells.shape[2] + k
         first[cell[n] + 1] += 1
-    first = np.cumsum(first[: count + 1]).astype(np.int32)
+    flat = cells.reshape(-1)
+    for m in range(size):
+        flat[m] = m if first[m + 1] > 0 else -1
+        first[m + 1] += first[m]
     filled, ordered = first.copy(), np.empty((room, 3))
     for n in range(room):
         at = filled[cell[n]]
@@ -121,7 +120,7 @@ def fill_nearest(cells, nearest):  # pragma: no cover - compiled
             for n in range(0, long, _LANES):
                 _nearest((best, who, n), (row, owner, long + n, 1), (-long, long), (0, long), least)
             for k in range(size_z):
-                nearest[i, j, k] = who[k] if cells[i, j, k] >= 0 else -1 - who[k]
+                nearest[i, j, k] = who[k]
 
 
 @compiled_as_numpy
@@ -164,15 +163,21 @@ _AROUND = 2.0
 
 
 @inlined
-def _nearest_in(m, first, points, x, y, z, least, best):  # pragma: no cover - compiled
-    """Return the least square of a distance to the points of cell m, or least, and whose it is."""
-    m = max(m, -1 - m)
-    for n in range(first[m], first[m + 1]):
+def _nearest_of(begin, end, points, x, y, z, least, best):  # pragma: no cover - compiled
+    """Return the least square of a distance to points begin to end, or least, and whose it is."""
+    for n in range(begin, end):
         dx, dy, dz = x - points[n, 0], y - points[n, 1], z - points[n, 2]
         square = dx * dx + dy * dy + dz * dz
         if square < least:
             least, best = square, n
     return least, best
+
+
+@inlined
+def _reached(u, reach, size):  # pragma: no cover - compiled
+    """Return which cells of `size` are within reach of u, half-open."""
+    begin, end = np.int64(np.rint(u - reach)), np.int64(np.rint(u + reach)) + 1
+    return min(max(begin, 0), size), min(max(end, 0), size)
 
 
 @inlined
@@ -182,67 +187,65 @@ def _gap(u, i):  # pragma: no cover - compiled
 
 
 @compiled_as_numpy
-def look_up(distances, x, y, z, enough):  # pragma: no cover - compiled
-    """Return distance and gradient (3) at a point: to the nearest of all points where that is within about `_AROUND`, further
-    away to the nearest of those in the cells that are nearest to its 8 nodes; to any that is at most `enough` away [m].
+def look_up(distances, at, enough, distance, gradient):  # pragma: no cover - compiled
+    """Fill distance (N,) and gradient (N, 3) at places (N, 3): to the nearest of all points where that is within about `_AROUND`,
+    further away to the nearest of those in the cells that are nearest to the 8 nodes around; to any that is at most `enough`
+    away [m].
+
+    Cells that follow one another along z have points that do: they are looked through at once.
     """
     nearest, first, points, low, spacing = distances
-    u, v, w = (x - low[0]) / spacing, (y - low[1]) / spacing, (z - low[2]) / spacing
     size_x, size_y, size_z = nearest.shape
-    i = min(max(np.int64(np.floor(u)), 0), size_x - 2)
-    j = min(max(np.int64(np.floor(v)), 0), size_y - 2)
-    k = min(max(np.int64(np.floor(w)), 0), size_z - 2)
-    before = nearest[i + (u - i > 0.5), j + (v - j > 0.5), k + (w - k > 0.5)]
-    least, best = _nearest_in(before, first, points, x, y, z, np.inf, 0)
-    if least >= (_AROUND * spacing) ** 2:
-        for node in range(8):
-            m = nearest[i + (node >> 2), j + (node >> 1 & 1), k + (node & 1)]
-            if m != before:  # neighbours often share theirs
-                least, best = _nearest_in(m, first, points, x, y, z, least, best)
-            before = m
-    reach = np.sqrt(least) / spacing
-    if reach < _AROUND and least > enough * enough:
-        for i in range(
-            max(np.int64(np.rint(u - reach)), 0), min(np.int64(np.rint(u + reach)) + 1, size_x)
-        ):
-            for j in range(
-                max(np.int64(np.rint(v - reach)), 0), min(np.int64(np.rint(v + reach)) + 1, size_y)
-            ):
-                for k in range(
-                    max(np.int64(np.rint(w - reach)), 0),
-                    min(np.int64(np.rint(w + reach)) + 1, size_z),
-                ):
-                    m = nearest[i, j, k]
-                    if m >= 0 and spacing**2 * (_gap(u, i) + _gap(v, j) + _gap(w, k)) < least:
-                        least, best = _nearest_in(m, first, points, x, y, z, least, best)
-    distance = np.sqrt(least)
-    share = 1.0 / distance if distance > 0.0 else 0.0
-    return (
-        distance,
-        share * (x - points[best, 0]),
-        share * (y - points[best, 1]),
-        share * (z - points[best, 2]),
-    )
-
-
-@compiled_as_numpy
-def look_up_all(distances, at, distance, gradient):  # pragma: no cover - compiled
-    """Fill distance (N,) and gradient (N, 3) at places (N, 3)."""
+    place, whose = np.empty(at.shape), np.empty((at.shape[0], 2), np.int64)
+    for n in range(
+        at.shape[0]
+    ):  # without branches: only so do all these divisions and look-ups overlap
+        for axis in range(3):
+            place[n, axis] = (at[n, axis] - low[axis]) / spacing
+        i, j, k = _corner(place[n], nearest)
+        u, v, w = place[n, 0], place[n, 1], place[n, 2]
+        m = nearest[i + (u - i > 0.5), j + (v - j > 0.5), k + (w - k > 0.5)]
+        whose[n, 0], whose[n, 1] = first[m], first[m + 1]
     for n in range(at.shape[0]):
-        distance[n], gradient[n, 0], gradient[n, 1], gradient[n, 2] = look_up(
-            distances, at[n, 0], at[n, 1], at[n, 2], 0.0
-        )
+        x, y, z = at[n, 0], at[n, 1], at[n, 2]
+        u, v, w = place[n, 0], place[n, 1], place[n, 2]
+        least, best = _nearest_of(whose[n, 0], whose[n, 1], points, x, y, z, np.inf, 0)
+        if least >= (_AROUND * spacing) ** 2:
+            i, j, k = _corner(place[n], nearest)
+            before = whose[n, 0]
+            for node in range(8):
+                m = nearest[i + (node >> 2), j + (node >> 1 & 1), k + (node & 1)]
+                if first[m] != before:  # neighbours often share theirs
+                    least, best = _nearest_of(first[m], first[m + 1], points, x, y, z, least, best)
+                before = first[m]
+        reach = np.sqrt(least) / spacing
+        if reach < _AROUND:
+            begin, end = _reached(w, reach, size_z)
+            for i in range(*_reached(u, reach, size_x)):
+                for j in range(*_reached(v, reach, size_y)):
+                    is_near = spacing**2 * (_gap(u, i) + _gap(v, j)) < least
+                    if is_near and least > enough * enough:
+                        row = (i * size_y + j) * size_z
+                        least, best = _nearest_of(
+                            first[row + begin], first[row + end], points, x, y, z, least, best
+                        )
+        distance[n] = np.sqrt(least)
+        share = 1.0 / distance[n] if distance[n] > 0.0 else 0.0
+        gradient[n, 0] = share * (x - points[best, 0])
+        gradient[n, 1] = share * (y - points[best, 1])
+        gradient[n, 2] = share * (z - points[best, 2])
 
 
-@compiled_as_numpy
-def fill_nodes(distances, values):  # pragma: no cover - compiled
-    """Fill values (X, Y, Z), float32, with each node's distance."""
-    low, spacing = distances.low, distances.spacing
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            for k in range(values.shape[2]):
-                x, y, z = low[0] + spacing * i, low[1] + spacing * j, low[2] + spacing * k
-                values[i, j, k] = look_up(distances, x, y, z, 0.0)[0]
+@inlined
+def _corner(place, nearest):  # pragma: no cover - compiled
+    """Return the first of the 8 nodes around a place [nodes], or of those nearest to it beyond the grid."""
+    i, j, k = np.floor(place[0]), np.floor(place[1]), np.floor(place[2])
+    size_x, size_y, size_z = nearest.shape
+    return (
+        min(max(np.int64(i), 0), size_x - 2),
+        min(max(np.int64(j), 0), size_y - 2),
+        min(max(np.int64(k), 0), size_z - 2),
+    )
 
 
 @compiled_as_numpy
@@ -260,21 +263,27 @@ def emptiness_sums(distances, frames, surface, noise, sums):  # pragma: no cover
     bone, local, share = surface
     slack, sigma, loss, weight = noise
     reference, width = frames.reference, sums.width
-    cost, row, point = 0.0, np.empty(12), np.empty(3)
+    cost, row = 0.0, np.empty(12)
+    points, distance = np.empty(local.shape), np.empty(bone.shape[0])
+    gradient = np.empty(local.shape)
     for n in range(bone.shape[0]):
-        b = bone[n]
-        to_world(frames, b, local[n], point)
-        x, y, z = point[0], point[1], point[2]
-        distance, gx, gy, gz = look_up(distances, x, y, z, slack)
-        residual = (distance - slack) / sigma
+        to_world(frames, bone[n], local[n], points[n])
+    look_up(distances, points, slack, distance, gradient)
+    for n in range(bone.shape[0]):
+        b, residual = bone[n], (distance[n] - slack) / sigma
         if residual <= 0.0:
             continue
         value, size = robust(loss, residual * residual)
         cost += value * share[n]
         if width == 0:
             continue
-        x, y, z = x - reference[0], y - reference[1], z - reference[2]
-        row[0], row[1], row[2] = gx / sigma, gy / sigma, gz / sigma
+        for i in range(3):
+            row[i] = gradient[n, i] / sigma
+        x, y, z = (
+            points[n, 0] - reference[0],
+            points[n, 1] - reference[1],
+            points[n, 2] - reference[2],
+        )
         fill_arm(row, 0, width, x, y, z)
         if width == 12:  # the share falls as the patch grows
             for i in range(3, 12, 4):

@@ -148,19 +148,21 @@ def forearm_cut(
         bone, axis = model.skeleton.bone("forearm"), np.array([0.0, 1.0, 0.0])
         if model.skeleton.length[bone] < most_m:
             return None
-    reach = np.arange(0.0, most_m + _STEP_M / 2, _STEP_M)
-    points = start.to_world(bone, reach[:, None] * axis)
-    wrist, far = camera.project(points[[0, -1]])
+    wrist, far = camera.project(start.to_world(bone, np.array([[0.0], [most_m]]) * axis))
     along, long = wrist - far, float(np.linalg.norm(wrist - far))
     hand = _hand(model, start)
     centre = camera.project(hand.centre)
     # seen along the arm, or behind the camera: there is no side to cut off
     if not long > _LEAST_PX or np.isnan(centre).any():
         return None
-    covered, known, _ = silhouette.at(points)
-    out = known & ~covered & ~_before(camera.centre, points, hand)
-    end = max(reach[out.argmax()] - _ROUND_M, 0.0) if out.any() else most_m
-    at = camera.project(start.to_world(bone, (end if model.has_forearm else 0.0) * axis))
+    at = wrist
+    if model.has_forearm:
+        reach = np.arange(0.0, most_m + _STEP_M / 2, _STEP_M)
+        points = start.to_world(bone, reach[:, None] * axis)
+        covered, known, _ = silhouette.at(points)
+        out = known & ~covered & ~_before(camera.centre, points, hand)
+        end = max(reach[out.argmax()] - _ROUND_M, 0.0) if out.any() else most_m
+        at = camera.project(start.to_world(bone, end * axis))
     across = camera.rotation[:2].T @ (along / long)  # in the world, nearly
     half = np.linalg.norm(np.einsum("eji,j->ei", hand.rotation, across) * hand.radii, axis=1)
     hand_ends = centre @ along - long * half * camera.pixels_per_m_at(hand.centre)
