@@ -12,7 +12,7 @@ from itertools import combinations
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Bytes, Floats, J, N, T, evenly_spread, indices
+from handtrack.arrays import D2, D3, Array, Floats, J, N, T, evenly_spread, indices
 from handtrack.capture.images.frames import listed
 from handtrack.capture.images.synchrony import plane_angles
 from handtrack.files.text_files import LIKELY_UNITS_M
@@ -45,23 +45,16 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
                 f"camera '{name}': in {len(there)} of the {len(frames)} frames looked at, its mask shows something that is hand in none of "
                 f"the other cameras (frames {listed(there)}). Tracking leaves such masks out. Is a shadow or another object taken for the hand there?"
             )
-    seen: list[_Outlined] = []
-    for view in views:
-        masks = {frame: view.mask(frame) for frame in frames if frame not in other[view.name]}
-        outlines = [
-            None if (mask := masks.get(f)) is None else _outline(mask, view.unknown_at(f), view)
-            for f in frames
-        ]
-        seen.append((view.camera, outlines))
-    pairs = list(combinations(seen, 2))
-    apart = [_pixels_apart(a, b) for a, b in pairs]
-    off = [
-        f"'{a[0].name}' and '{b[0].name}' by {px:.0f} px"
-        for (a, b), px in zip(pairs, apart, strict=True)
-        if px is not None and _is_off(px, a, b)
+    seen = [
+        (view.camera, [_outline(view, f, f in other[view.name]) for f in frames]) for view in views
     ]
-    behind = [f"'{a[0].name}' and '{b[0].name}'" for a, b in pairs if _is_behind(a, b)]
-    meant = _outlines_would_fit(seen) if off or behind or all(px is None for px in apart) else ""
+    compared = [
+        (f"'{a[0].name}' and '{b[0].name}'", *_compared(a, b)) for a, b in combinations(seen, 2)
+    ]
+    off = [f"{names} by {px:.0f} px" for names, px, is_off, _ in compared if is_off]
+    behind = [names for names, _, _, is_behind in compared if is_behind]
+    nobody_can_tell = all(px is None for _, px, _, _ in compared)
+    meant = _outlines_would_fit(seen) if off or behind or nobody_can_tell else ""
     if behind and not off:
         yield warning(
             f"by this calibration the hand lies behind the cameras: the viewing rays of {'; '.join(behind)} diverge "
@@ -83,13 +76,18 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
 
 _Outline = tuple[Floats[N, D2], Array[N]]
 """pixels, none where nothing is seen; whether the image or its region does not cut the hand off at each"""
-_Outlined = tuple[Camera, list[_Outline | None]]
-"""a camera, and its outlines in some frames; None where there is no mask"""
+_Outlined = tuple[Camera, list[_Outline]]
+"""a camera, and its outlines in some frames"""
 
 
-def _is_off(px: float, first: _Outlined, second: _Outlined) -> bool:
+def _compared(first: _Outlined, second: _Outlined) -> tuple[float | None, bool, bool]:
+    """Return how far two cameras' outlines miss common planes [px], the median over frames, None where too few can tell; whether
+    that is too far; and whether the hand lies behind the cameras.
+    """
+    px = _pixels_apart(first, second)
     width = min(first[0].size[0], second[0].size[0])
-    return px > max(_OUTLINES_OFF * width, _OUTLINES_OFF_PX)
+    is_off = px is not None and px > max(_OUTLINES_OFF * width, _OUTLINES_OFF_PX)
+    return px, is_off, _is_behind(first, second)
 
 
 def _outlines_would_fit(seen: Sequence[_Outlined]) -> str:
@@ -126,11 +124,9 @@ def inverse(camera: Camera) -> Camera:
 
 def _fit(seen: Sequence[_Outlined]) -> bool:
     """Return whether the outlines of all pairs can be compared, touch common planes and lie before the cameras."""
-    pairs = list(combinations(seen, 2))
-    if any(_is_behind(a, b) for a, b in pairs):
-        return False
-    apart = ((_pixels_apart(a, b), a, b) for a, b in pairs)
-    return bool(pairs) and all(px is not None and not _is_off(px, a, b) for px, a, b in apart)
+    compared = (_compared(a, b) for a, b in combinations(seen, 2))
+    fits = (px is not None and not (is_off or is_behind) for px, is_off, is_behind in compared)
+    return len(seen) > 1 and all(fits)
 
 
 def _is_behind(first: _Outlined, second: _Outlined) -> bool:
@@ -142,7 +138,7 @@ def _is_behind(first: _Outlined, second: _Outlined) -> bool:
         [
             [a[0].mean(axis=0), b[0].mean(axis=0)]
             for a, b in zip(first[1], second[1], strict=True)
-            if a is not None and b is not None and len(a[0]) and len(b[0])
+            if len(a[0]) and len(b[0])
         ]
     )
     met = triangulated(cameras, middles.reshape(-1, 2, 2).swapaxes(0, 1))
@@ -152,12 +148,9 @@ def _is_behind(first: _Outlined, second: _Outlined) -> bool:
 
 
 def _pixels_apart(first: _Outlined, second: _Outlined) -> float | None:
-    """Return how far two cameras' outlines miss common planes [px], the median over frames; None where too few can tell."""
     cameras = first[0], second[0]
     missed = []
     for a, b in zip(first[1], second[1], strict=True):
-        if a is None or b is None:
-            continue
         ends = _ends(a, *cameras), _ends(b, *cameras[::-1])
         apart = np.abs(ends[0] - ends[1]) * min(camera.focal_px for camera in cameras)
         if np.isfinite(apart).any():
@@ -175,10 +168,13 @@ def _showing_other(views: Sequence[View], frames: Sequence[int]) -> dict[str, li
     return found
 
 
-def _outline(mask: Bytes, unknown: int | None, view: View) -> _Outline:
+def _outline(view: View, frame: int, left_out: bool) -> _Outline:
+    mask = None if left_out else view.mask(frame)
+    if mask is None:
+        return np.zeros((0, 2)), np.zeros(0, bool)
     x, y, width, height = view.settings.roi or (0, 0, *view.camera.size)
     found, _ = cv2.findContours(
-        ((mask >= 128) & (mask != (unknown or 0))).astype(np.uint8),
+        ((mask >= 128) & (mask != (view.unknown_at(frame) or 0))).astype(np.uint8),
         cv2.RETR_EXTERNAL,
         cv2.CHAIN_APPROX_NONE,
     )
@@ -311,10 +307,8 @@ def _match(seen: Sequence[_Seen], rows: Sequence[int] | None = None) -> _Match |
     if both.sum() < _FEWEST:
         return None
     missed[:, both & ~np.isfinite(points).all(axis=1)] = np.inf  # parallel
-    worst = np.nanmax(
-        np.nan_to_num(missed[:, both], nan=-1.0, posinf=1e9) / extent[:, None], axis=0
-    )
-    px = np.nanmax(np.nan_to_num(missed[:, both], nan=-1.0, posinf=1e9), axis=0)
+    missed = np.nan_to_num(missed[:, both], nan=-1.0, posinf=1e9)
+    worst, px = (missed / extent[:, None]).max(axis=0), missed.max(axis=0)
     return float(np.median(worst)), float(np.median(px)), points
 
 

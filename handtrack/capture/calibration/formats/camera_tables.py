@@ -75,11 +75,9 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
         if len(inner) == 1 and isinstance(tree[inner[0]], Mapping | list):
             found = read_tables(tree[inner[0]], where, alone)
             return found and _in_unit(found, tree, where)
-        pair = _stereo(tree)
-        if not pair and any(
-            re.fullmatch("xi(l|r|1|2|left|right)?", plain_word(key)) for key in tree
-        ):
+        if any(re.fullmatch("xi(l|r|1|2|left|right)?", plain_word(key)) for key in tree):
             raise _mirror(where)
+        pair = _stereo(tree)
     tables = pair or _tables(tree, alone)
     if not tables:
         below = tree.values() if isinstance(tree, Mapping) else ()
