@@ -5,7 +5,8 @@ Tried with viser 1.1.0 and 1.1.1; 1.0.30 has neither panels, browser storage nor
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from contextlib import aclosing
 from typing import TYPE_CHECKING, Any
 
 import viser
@@ -13,8 +14,13 @@ from viser import _messages as messages
 from viser._messages import FileTransferPart, Message
 
 if TYPE_CHECKING:
+    from viser import infra
     from viser._gui_handles import GuiModalHandle
     from viser._messages import DragButton, HotkeyKey, KeyModifier
+    from viser.infra._async_message_buffer import AsyncMessageBuffer
+    from viser.infra._infra import WebsockClientConnection
+
+    _Windows = AsyncGenerator[Sequence[infra.Message], None]
 
 __all__ = [
     "DragButton", "FileTransferPart", "GuiModalHandle", "HotkeyKey", "KeyModifier", "Message", "messages",
@@ -111,6 +117,55 @@ def on_storage(server: viser.ViserServer, hear: Callable[[str], None]) -> None:
 
 
 # ---- connections and threads
+
+
+def send_whole(server: viser.ViserServer) -> None:
+    """Let each page get all that waits for all pages at once, and what waits for that page alone after all that it found here.
+
+    viser ends a window of messages after 128 of them, and where another thread begins a block: a page drew half of a pose for as
+    long as that block took. And what a new page alone was told could come before the scene as all see it, which then undid it.
+    """
+    shared = server._websock_server
+    new: dict[int, AsyncMessageBuffer] = {}
+
+    def greet(connection: WebsockClientConnection) -> None:
+        new[connection.client_id] = own = connection.get_message_buffer()
+        own.atomic_start()
+        _join_windows(own)
+
+    def sent(client: int) -> None:
+        if (own := new.pop(client, None)) is not None:
+            own.atomic_end()
+
+    _join_windows(shared.get_message_buffer(), sent)
+    shared.on_client_connect(greet)
+    shared.disconnect_all_clients()  # who came before this comes again
+
+
+def _join_windows(
+    buffer: AsyncMessageBuffer, sent: Callable[[int], None] = lambda client: None
+) -> None:
+    """Let clients get windows of which nothing is left behind. sent: is told whom one was sent.
+
+    A message is taken only while no block is open: where none is left, each block is in the window as a whole or not at all.
+    """
+    windows_of = buffer.window_generator
+
+    async def joined(client: int, windows: _Windows) -> _Windows:
+        window: list[infra.Message] = []
+        async with aclosing(windows):
+            async for part in windows:
+                window += part
+                left = range(buffer.generator_cursors[client] + 1, buffer.message_counter)
+                behind = filter(None, map(buffer.message_from_id.get, left))
+                if all(one.excluded_self_client == client for one in behind):
+                    yield window
+                    sent(client)
+                    window = []
+
+    buffer.window_generator = lambda client_id, backlog_done_message=None: joined(
+        client_id, windows_of(client_id, backlog_done_message)
+    )
 
 
 def client_of(server: viser.ViserServer, connection: object) -> int | None:

@@ -15,6 +15,7 @@ from functools import partial
 import viser
 
 from handtrack.session.bundled import working_folder
+from handtrack_app import viser_internals as internals
 from handtrack_app.access.address import choose_port, host_warning, is_loopback
 from handtrack_app.access.web_server import WebServer, show_in_browser, start_web_server
 from handtrack_app.log import LOG_FILE, logging_to
@@ -91,6 +92,7 @@ class Workbench:
         """Serve the page and begin to open the session."""
         self.web = start_web_server(self.host, self.wanted_port, token=self._token)
         self.server = self.web.server
+        internals.send_whole(self.server)
         self.page = Page(
             self.server,
             self.state,

@@ -3,6 +3,8 @@
 import re
 import time
 from functools import partial
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 import pytest
@@ -21,7 +23,7 @@ CARD = re.compile(r">Frame (\d+)</b>")
 
 
 class Witness:
-    """Notes what the program shows, and marks among the messages to a page where all has been sent of a pose."""
+    """Notes what the program shows, and looks at what each window of messages, which a page draws at once, leaves on the page."""
 
     def __init__(self, bench, wire):
         self.bench, self.wire = bench, wire
@@ -30,43 +32,32 @@ class Witness:
         shown = bench.page.show
 
         def noted(snapshot):
-            shown(snapshot)
-            self._look_at_pictures()
             if isinstance(snapshot, snapshots.PoseSnapshot):
                 self.poses.append(snapshot)
-                mark = LocalStorageGetItemRequestMessage("witness", str(len(self.poses)))
-                bench.server._websock_server.queue_message(mark)
+            shown(snapshot)
+            self._look_at_pictures()
 
         object.__setattr__(bench.page, "show", noted)
 
     def frames_of_the_page(self):
-        """Return what frame the card said at each mark; note where the hand was of another pose."""
-        marks, card, hand, frames = 0, "", None, []
-        for _, message in self.messages():
-            told = message.get("updates") or message.get("props") or {}
-            if message.get("uuid") == self.bench.layout.pose.card._impl.uuid:
-                card = told.get("content", card)
-            if message.get("name") == "/hand/flesh":
-                hand = told.get("batched_positions", hand)
-            if message.get("key") == "witness":
-                marks += 1
-                frames.append(int(CARD.search(card)[1]))
-                ours = (p.centre for p in self.poses[: marks + 1] if p.frame == frames[-1])
-                if not any(np.allclose(centre.ravel(), hand, atol=1e-6) for centre in ours):
-                    self.wrong.append(
-                        f"the card says frame {frames[-1]}; the hand is of another pose"
-                    )
+        """Return what frame the card said after each window; note where the hand was of another pose."""
+        last = LocalStorageGetItemRequestMessage("witness", "last")
+        self.bench.server._websock_server.queue_message(last)
+        came = self.wire.messages  # each with the time of its window
+        eventually(lambda: any(one.get("key") == "witness" for _, one in list(came)))
+        card, hand, frames = "", None, []
+        for _, window in groupby(came, key=itemgetter(0)):
+            for _, message in window:
+                told = message.get("updates") or message.get("props") or {}
+                if message.get("uuid") == self.bench.layout.pose.card._impl.uuid:
+                    card = told.get("content", card)
+                if message.get("name") == "/hand/flesh":
+                    hand = told.get("batched_positions", hand)
+            frames.append(int(CARD.search(card)[1]))
+            ours = (pose.centre for pose in self.poses if pose.frame == frames[-1])
+            if not any(np.allclose(centre.ravel(), hand, atol=1e-6) for centre in ours):
+                self.wrong.append(f"the card says frame {frames[-1]}; the hand is of another pose")
         return frames
-
-    def messages(self):
-        """Return all that came to the page, up to the last mark."""
-        last = str(len(self.poses))
-
-        def came():
-            found = list(self.wire.messages)
-            return found if any(one.get("request_uuid") == last for _, one in found) else None
-
-        return eventually(came)
 
     def _look_at_pictures(self):
         """Look, once a snapshot is shown, at what each kind of picture is of."""
@@ -101,7 +92,7 @@ class Witness:
 
 @pytest.fixture
 def bench(tmp_path, monkeypatch):
-    """Frames and pictures take a while, and nothing of another frame is shown, not for a moment."""
+    """Frames and pictures take a while, nothing of another frame is shown, not for a moment, and windows are too small for a pose."""
     monkeypatch.setattr(camera_view, "_MOMENT_S", 0.0)
     painted = CameraPictures.painted
 
@@ -111,6 +102,7 @@ def bench(tmp_path, monkeypatch):
 
     monkeypatch.setattr(CameraPictures, "painted", late)
     with shown(tmp_path, opener=partial(fake_document, step_s=0.05)) as slow:
+        slow.server._websock_server.get_message_buffer().max_window_size = 3
         yield slow
 
 
@@ -137,13 +129,9 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(bench, 
     eventually(lambda: bench.state.progress.state == "idle")
     bench.page.go_to(4)
     eventually(lambda: bench.stage.pose.frame == 4)
-
-    def pictured():
-        screen = page.client.screen
-        return screen and screen.image.visible and screen.frame == 4
-
-    eventually(pictured)
-    assert len(set(sees.frames_of_the_page())) > 3 and sees.pictures
+    screen = page.client.screen
+    eventually(lambda: screen.image.visible and screen.frame == 4)
+    assert len(set(sees.frames_of_the_page())) > 3
     assert not sees.wrong
     sees.at_rest()
 

@@ -3,6 +3,7 @@ through a camera of its own; the next step is offered; settings are undone; name
 
 import json
 import threading
+from contextlib import ExitStack
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -101,9 +102,9 @@ def test_a_page_that_comes_late_is_told_what_was_said(bench):
 
 
 def told_value(client, handle):
-    updates = said(client, "GuiUpdateMessage")
-    told = [one["updates"] for one in updates if one["uuid"] == handle._impl.uuid]
-    return told[-1].get("value") if told else None
+    told = reversed(said(client, "GuiUpdateMessage"))
+    uuid = handle._impl.uuid
+    return next((one["updates"].get("value") for one in told if one["uuid"] == uuid), None)
 
 
 def test_c42_two_pages_edit_and_the_last_edit_stands(bench, pages):
@@ -126,11 +127,14 @@ def test_c42_two_pages_edit_and_the_last_edit_stands(bench, pages):
 
 def test_each_page_looks_through_a_camera_of_its_own(bench):
     view, painted = bench.layout.session, bench.stage.looking.pictures
-    with WireClient(bench.url) as one, WireClient(bench.url) as other:
-        eventually(lambda: len(bench.server.get_clients()) == 2)
-        other.set_value(view.through, "side")
-        eventually(lambda: _shown(other, "/screen"))
-        eventually(lambda: not _shown(other, "/cameras"))  # its frustum would be in the way
+    with ExitStack() as pages:
+        with bench.server.atomic():  # the scene comes late
+            one, other = (pages.enter_context(WireClient(bench.url)) for _ in range(2))
+            eventually(lambda: len(bench.server.get_clients()) == 2)
+            other.set_value(view.through, "side")
+            eventually(lambda: painted(None))
+        eventually(lambda: said(other, "ReplayDoneMessage") and _shown(other, "/screen"))
+        assert _shown(other, "/cameras") is False  # its frustum would be in the way
         assert _shown(one, "/screen") is None and _shown(one, "/cameras") is not False
         one.set_value(view.through, "front")
         other.set_value(view.paint, "nothing")
