@@ -431,16 +431,15 @@ def _oriented(gray: Bytes, grid: Floats) -> Floats | None:
 def _mirrored(grid: Floats) -> bool:
     right = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0)
     down = grid[-1].mean(axis=0) - grid[0].mean(axis=0)
-    return bool(right[0] * down[1] - right[1] * down[0] < 0)
+    return bool(np.linalg.det([right, down]) < 0)
 
 
 def _black_first(gray: Bytes, grid: Floats) -> bool:
     """Whether the squares like the one between the first four corners are darker than the others."""
     centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
-    column = np.clip(centres[..., 0].round().astype(int), 0, gray.shape[1] - 1)
-    row = np.clip(centres[..., 1].round().astype(int), 0, gray.shape[0] - 1)
-    value = cv2.GaussianBlur(gray, (3, 3), 0)[row, column].astype(float)
-    like_first = np.add.outer(np.arange(value.shape[0]), np.arange(value.shape[1])) % 2 == 0
+    smooth, at = cv2.GaussianBlur(gray, (3, 3), 0), centres.astype(np.float32)
+    value = cv2.remap(smooth, at, None, cv2.INTER_NEAREST)  # type: ignore[call-overload]
+    like_first = np.indices(value.shape).sum(axis=0) % 2 == 0
     return bool(value[like_first].mean() < value[~like_first].mean())
 
 

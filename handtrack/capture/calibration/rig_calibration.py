@@ -338,14 +338,11 @@ _TURN_M = 1.0  # a degree of disagreement counts as much as 1.7 % of the distanc
 def pose_of_view(view: BoardView, board: Board, lens: Floats[D9]) -> Floats[D4, D4]:
     """Return T_camera_board of one view, the better of a plane's two poses."""
     points, by = board.points[view.ids], (camera_matrix(*lens[:4]), lens[4:])
-    count, turns, shifts, errors = cv2.solvePnPGeneric(
-        points, view.pixels.reshape(-1, 1, 2), *by, flags=cv2.SOLVEPNP_IPPE
-    )
-    if not count:
-        _, turn, shift = cv2.solvePnP(points, view.pixels, *by)
+    is_found, turn, shift = cv2.solvePnP(points, view.pixels, *by, flags=cv2.SOLVEPNP_IPPE)
+    if is_found:
+        turn, shift = cv2.solvePnPRefineLM(points, view.pixels, *by, turn, shift)
     else:
-        best = int(np.argmin([float(np.ravel(e)[0]) for e in errors]))
-        turn, shift = cv2.solvePnPRefineLM(points, view.pixels, *by, turns[best], shifts[best])
+        _, turn, shift = cv2.solvePnP(points, view.pixels, *by)
     return _transform(cv2.Rodrigues(turn)[0], np.ravel(shift))
 
 
