@@ -28,67 +28,61 @@ if TYPE_CHECKING:
 def open_session(options: Namespace) -> int:
     """Serve the workbench, after the start page where a recording is to be chosen, until Ctrl-C."""
     if options.choose:
-        return _choose(options)
+        return _serve_pages(options, None)
     folder = bundled_session() if options.session is None else options.session
     live = live_options(options)
     if live is None and not (folder / SESSION_FILE).is_file():
         from handtrack.session.session import Session
 
         Session.open(folder)  # says what is missing
-    return _open(options, folder, live=live)
+    return _serve_pages(options, folder, live=live)
 
 
 def open_demo(options: Namespace) -> int:
     """Serve the workbench on a recording that is tracked already, until Ctrl-C."""
-    return _open(options, demo_session(), demo=True)
+    return _serve_pages(options, demo_session(), demo=True)
 
 
-def _open(
-    options: Namespace, folder: Path, demo: bool = False, live: LiveOptions | None = None
+def _serve_pages(
+    options: Namespace, folder: Path | None, demo: bool = False, live: LiveOptions | None = None
 ) -> int:
+    """Serve the workbench, or the start page where no folder is chosen, in turns until Ctrl-C; the browser's page goes on."""
     if options.port is not None:
         choose_port(options.host, options.port)  # says what is wrong with it before anything starts
     use_one_arena()
-    web = _serve(options, folder, demo, live)
-    return 0 if web is None else _choose(options, web)
-
-
-def _choose(options: Namespace, web: WebServer | None = None) -> int:
-    """Serve start page and workbench in turns until Ctrl-C. web: of the page before; the browser's page goes on there."""
-    from handtrack_app.start.start_page import choose_recording
-
-    use_one_arena()
-    problem = ""
+    web, problem = None, ""
     while True:
         port, token = (options.port, None) if web is None else (web.port, web.token)
-        chosen = choose_recording(options.host, port, not options.no_browser, token, problem)
-        if chosen is None:
-            return 0
-        folder, web = chosen
+        if folder is None:
+            from handtrack_app.start.start_page import choose_recording
+
+            chosen = choose_recording(options.host, port, not options.no_browser, token, problem)
+            if chosen is None:
+                return 0
+            folder, web = chosen
+            continue
         try:
-            web = _serve(options, folder, web=web)
-            problem = ""
-        except HandtrackError as error:  # the page says so, and another may be chosen
-            problem = str(error)
+            take_over = not demo and options.take_over
+            memory = memory_limit(options.memory)
+            plan = EnginePlan(folder, live, options.rerun, take_over, memory=memory)
+            web, problem = _serve(options, plan, demo, port, token), ""
+        except HandtrackError as error:
+            if web is None:
+                raise
+            problem = str(error)  # the page says so, and another may be chosen
         if web is None:
             return 0
+        folder, demo, live = None, False, None
 
 
 def _serve(
-    options: Namespace,
-    folder: Path,
-    demo: bool = False,
-    live: LiveOptions | None = None,
-    web: WebServer | None = None,
+    options: Namespace, plan: EnginePlan, demo: bool, port: int | None, token: str | None
 ) -> WebServer | None:
-    """Serve the workbench; return its web server where somebody wants another recording. web: of the page before."""
-    memory = memory_limit(options.memory)
+    """Serve the workbench; return its web server where somebody wants another recording. token: of the page before."""
     print_status("handtrack: starting the workbench …")
     if not demo:
-        remember(folder)
+        remember(plan.folder)
     child = EngineChild(ENGINE_LOG)  # its imports take longest: they run beside those of the page
-    plan = EnginePlan(folder, live, options.rerun, not demo and options.take_over, memory=memory)
-    port, token = (options.port, None) if web is None else (web.port, web.token)
     try:
         from handtrack_app.workbench import run_workbench
 

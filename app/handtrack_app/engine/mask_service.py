@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -100,14 +99,14 @@ def _as_taken(view: View, points: Sequence[Sequence[float]]) -> Floats[N, D2]:
 class MaskService(Service):
     """Masks."""
 
-    @Command(edits=True, latest=("camera", "values"))
+    @Command(edits=True, latest=("camera", "values"), tunes=True)
     def set_masks(self, camera: str, values: dict[str, object]) -> None:
         """Change where the masks of a camera come from (`method`), settings of the method, or the region of interest (`roi`). camera:
         empty for all that have what it takes.
         """
         names, slid = ", ".join(values), edits.is_slid(*values.values())
-        edit = partial(self._changed, camera, values)
-        self._do(f"Masks: {names}", edit, f"{camera} {names}", slid)
+        edit = self._changed(camera, values)
+        self.store.do(f"Masks: {names}", edit, f"{camera} {names}", is_stroke=slid)
 
     def _changed(self, camera: str, values: Mapping[str, object]) -> Edit:
         """Return the edit of one camera's masks, or of all that have what it takes. Raises HandtrackError."""
@@ -159,26 +158,22 @@ class MaskService(Service):
         given = {item.name: needed[item.name] for item in fields(kind) if item.name in needed}
         return {"method": name, **usual_values(kind), **given}
 
-    @Command(edits=True)
+    @Command(edits=True, tunes=True)
     def mark_mask_box(
         self, camera: str, what: str, box: tuple[int, int, int, int], frame: int
     ) -> None:
         """Take a box x, y, w, h [px] of a camera's undistorted image as region of interest (`roi`) or as skin (`sample`)."""
-
-        def edit() -> Edit:
-            view = self.document.session.view(camera)
-            x, y, width, height = box
-            edges = [(x + s * width, y + t * height) for s in (0, 0.5, 1) for t in (0, 0.5, 1)]
-            places = _as_taken(view, edges)
-            size = np.array(view.camera.size)
-            low = np.clip(np.round(places.min(axis=0)), 0, size - 2).astype(int)
-            high = np.clip(np.round(places.max(axis=0)), low + 2, size).astype(int)
-            values: dict[str, object] = {what: tuple(int(v) for v in (*low, *(high - low)))}
-            if what == "sample":
-                values["reference"] = frame
-            return self._changed(camera, values)
-
-        self._do("Masks: box", edit)
+        view = self.document.session.view(camera)
+        x, y, width, height = box
+        edges = [(x + s * width, y + t * height) for s in (0, 0.5, 1) for t in (0, 0.5, 1)]
+        places = _as_taken(view, edges)
+        size = np.array(view.camera.size)
+        low = np.clip(np.round(places.min(axis=0)), 0, size - 2).astype(int)
+        high = np.clip(np.round(places.max(axis=0)), low + 2, size).astype(int)
+        values: dict[str, object] = {what: tuple(int(v) for v in (*low, *(high - low)))}
+        if what == "sample":
+            values["reference"] = frame
+        self.store.do("Masks: box", self._changed(camera, values))
 
     @Command(edits=True, files=True)
     def paint_mask(
@@ -207,14 +202,13 @@ class MaskService(Service):
             edit = decide(correction={(view.name, own): now})
             self.store.do(words, edit, f"{words} {tag}", waits=True, is_stroke=True)
 
-    @Command(edits=True, files=True)
+    @Command(edits=True, files=True, tunes=True)
     def drop_correction(self, frame: int, camera: str) -> None:
         """Forget what was painted over a camera's mask in a frame."""
-        with self.opened.changing():
-            self.store.check()
-            _, own = self._place(camera, frame)
-            edit = decide(correction={(camera, own): None})
-            self.store.do(f"Correction of {camera} dropped, frame {frame}", edit)
+        self.store.check()
+        _, own = self._place(camera, frame)
+        edit = decide(correction={(camera, own): None})
+        self.store.do(f"Correction of {camera} dropped, frame {frame}", edit)
 
     def _place(self, camera: str, frame: int) -> tuple[View, int]:
         """Return a camera's view and its own frame. Raises HandtrackError where it shows nothing."""
@@ -229,22 +223,21 @@ class MaskService(Service):
         correction = self.document.in_force(("correction", (camera, own_frame)))
         return correction is not None and not correction.carried
 
-    @Command(job=True, files=True)
+    @Command(job=True, files=True, tunes=True)
     def carry_masks(self, frame: int, camera: str, before: int, behind: int) -> None:
         """Carry what was painted in a frame on to so many frames before and behind it. camera: empty for all."""
         document, store = self.document, self.store
-        with self.opened.changing():
-            store.check()
-            store.write_what_rests(at_once=True)
-            views = [view for view in document.session.views if camera in ("", view.name)]
-            first, last = (document.clamped(frame + n) for n in (-before, behind))
-            frames = range(first, last + 1)
+        store.check()
+        store.write_what_rests(at_once=True)
+        views = [view for view in document.session.views if camera in ("", view.name)]
+        first, last = (document.clamped(frame + n) for n in (-before, behind))
+        frames = range(first, last + 1)
 
-            def work(job: BackgroundJob) -> None:
-                if carried := carry(job, views, frame, frames, self._is_painted):
-                    job.report(self._take_carried, carried)
+        def work(job: BackgroundJob) -> None:
+            if carried := carry(job, views, frame, frames, self._is_painted):
+                job.report(self._take_carried, carried)
 
-            self.jobs.begin("carrying", work)
+        self.jobs.begin("carrying", work)
 
     def _take_carried(self, corrections: dict[tuple[str, int], Correction]) -> None:
         self.store.do("Corrected masks propagated", decide(correction=corrections))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 
 from handtrack.errors import HandtrackError
@@ -146,7 +146,8 @@ class OpenSession:
             if arguments.get("frame") is not None:  # of the page, which may know others
                 arguments["frame"] = document.clamped(arguments["frame"])
             document.version = max(document.version, arguments.get("version", 0))
-            self._commands[call.name](**arguments)
+            with self.changing() if call.command.tunes else nullcontext():
+                self._commands[call.name](**arguments)
         finally:
             self._served = call.number or self._served
 

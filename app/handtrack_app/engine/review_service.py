@@ -43,10 +43,9 @@ class ReviewService(Service):
             self.publish(pose_snapshot(self.document))
             self.opened.show_timeline()
 
-    @Command(edits=True)
+    @Command(edits=True, tunes=True)
     def correct_cameras(self, cameras: tuple[str, ...], on: bool = True) -> None:
         """Use cameras as the estimate of the whole recording found them, from now on; or as they were calibrated."""
-        self.jobs.require_idle()
         document = self.document
         edit = (
             edits.corrected_cameras(document, cameras)
@@ -61,9 +60,8 @@ class ReviewService(Service):
                 )
         named = f"{'' if len(cameras) == 1 else 's'} {', '.join(cameras)}"
         words = f"Correction of camera{named}{'' if on else ' removed'}"
-        with self.opened.changing():
-            self.store.do(words, edit)
-            document.show(document.frame)
+        self.store.do(words, edit)
+        document.show(document.frame)
         known = document.session.corrected
         figures = [f"{name} by {known[name]}" for name in cameras if on and name in known]
         done = f"Corrected: {'; '.join(figures)}" if on else "The calibration counts again"

@@ -10,7 +10,6 @@ from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from handtrack.session.session_state import Edit
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
 if TYPE_CHECKING:
@@ -29,13 +28,6 @@ class Service:
     def jobs(self) -> JobControl:
         """What runs beside."""
         return self.opened.jobs
-
-    def _do(
-        self, words: str, edit: Callable[[], Edit], tag: str = "", is_stroke: bool = False
-    ) -> None:
-        """Make an edit of settings."""
-        with self.opened.changing():
-            self.store.do(words, edit(), tag, is_stroke=is_stroke)
 
 
 class FramePictures(ABC):

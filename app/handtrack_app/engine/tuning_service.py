@@ -32,53 +32,48 @@ class TuningService(Service):
         """of the newest fit; any other is given up at its next solver step"""
         self._fitting = NewestFirst[Callable[[], None]](opened.post, "refitting")
 
-    @Command(edits=True, files=True)
+    @Command(edits=True, files=True, tunes=True)
     def save_to_file(self, kind: FileKind) -> None:
         """Write what session.toml does not have of a kind into it."""
-        with self.opened.changing():
-            self.publish(Notice("done", "Settings saved", saving.save(self.store, kind)))
+        self.publish(Notice("done", "Settings saved", saving.save(self.store, kind)))
 
-    @Command(edits=True)
+    @Command(edits=True, tunes=True)
     def restore_from_file(self, kind: FileKind) -> None:
         """Go back to what session.toml has of a kind."""
         back = dict.fromkeys(self.document.unsaved(kind))
         edit = decide(clouds=None) if kind == "clouds" else decide(**{kind: back})
-        self._do("Settings of session.toml", lambda: edit)
+        self.store.do("Settings of session.toml", edit)
 
     @Command(view=True)
     def refit_while_tuning(self, on: bool) -> None:
         """Whether a changed setting or limit fits the frame shown anew at once."""
         self._refits = on
 
-    @Command(edits=True, latest=("name",))
+    @Command(edits=True, latest=("name",), tunes=True)
     def set_setting(self, name: str, value: object, tag: str = "") -> None:
         """Change a setting by its dotted name. tag: several settings changed at one time have one."""
-        document = self.document
-        self._change(
-            lambda: (
-                edits.method(document, value) if name == "method" else decide(setting={name: value})
-            ),
-            tag or name,
-            edits.is_slid(value),
-        )
+        edit = decide(setting={name: value})
+        if name == "method":
+            edit = edits.method(self.document, value)
+        self._change(edit, tag or name, edits.is_slid(value))
 
-    @Command(edits=True, latest=("name",))
+    @Command(edits=True, latest=("name",), tunes=True)
     def set_limits(self, name: str, interval: tuple[float, float] | None, tag: str = "") -> None:
         """Change the interval of a joint parameter [m, rad]; None restores the model's own."""
         low_high = None if interval is None else tuple(sorted(interval))
         edit = decide(limits={name: low_high})
-        self._change(lambda: edit, tag or f"Limits of {name}", interval is not None)
+        self._change(edit, tag or f"Limits of {name}", interval is not None)
 
-    @Command(edits=True, latest=("name",))
+    @Command(edits=True, latest=("name",), tunes=True)
     def set_shape(self, name: str, value: float, tag: str = "") -> None:
         """Set a number of the person's shape [% or mm, as `ShapeNumber` has it]."""
-        model = self.document.model
-        self._change(lambda: edits.size(with_number(model, name, value)), tag or "Shape", True)
+        scale = with_number(self.document.model, name, value)
+        self._change(edits.size(scale), tag or "Shape", True)
 
-    def _change(self, edit: Callable[[], Edit], words: str, slid: bool) -> None:
+    def _change(self, edit: Edit, words: str, slid: bool) -> None:
         """Let values hold from now on. slid: by a slider: many changes are one step of undo."""
         known = self.document.run.notes
-        self._do(words, edit, words, slid)
+        self.store.do(words, edit, words, is_stroke=slid)
         self.publish_notes(known)
 
     def fit_again(self) -> None:

@@ -30,6 +30,8 @@ class Command:
     """a subscription of the page: the latest is repeated to an engine that begins again"""
     is_ordered: bool = False
     """later edits depend on it: it is repeated in its turn"""
+    tunes: bool = False
+    """it changes what is tracked by: never while a job runs, and what holds then is shown"""
     files: bool = False
     """it writes files of the session, which a live one does not have"""
     signature: inspect.Signature = inspect.Signature()

@@ -272,24 +272,21 @@ class CloudService(Service, FramePictures):
 
     # ---- settings
 
-    @Command(edits=True, latest=("values",))
+    @Command(edits=True, latest=("values",), tunes=True)
     def set_clouds(self, values: dict[str, object]) -> None:
         """Change settings of [clouds] by name; None: as it is usual, False: off."""
         names, slid = ", ".join(values), edits.is_slid(*values.values())
-        now = self.document.clouds or CloudSettings()
-        self._do(
-            f"Clouds: {names}", lambda: decide(clouds=now.with_values(values).table), names, slid
-        )
+        now = (self.document.clouds or CloudSettings()).with_values(values)
+        self.store.do(f"Clouds: {names}", decide(clouds=now.table), names, is_stroke=slid)
 
-    @Command(edits=True, latest=())
+    @Command(edits=True, latest=(), tunes=True)
     def sample_skin(
         self, frame: int, camera: str, box: tuple[int, int, int, int] | None, size: float
     ) -> None:
         """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame; None: to all images in which hand is painted."""
-        with self.opened.changing():
-            settings, words = skin_in_force(self.document, frame, camera, box, size)
-            self.store.do("Colour of skin", decide(clouds=settings.table), tag="skin")
-            self.publish(Notice("done", "Skin colour updated", words))
+        settings, words = skin_in_force(self.document, frame, camera, box, size)
+        self.store.do("Colour of skin", decide(clouds=settings.table), tag="skin")
+        self.publish(Notice("done", "Skin colour updated", words))
 
 
 def skin_in_force(
