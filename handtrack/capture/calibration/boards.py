@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -577,8 +577,7 @@ def choose_views(cameras: Sequence[CameraViews], most: int) -> list[CameraViews]
     for camera in sharp:
         shared = [view for view in camera.shared if view.frame in frames]
         alone = [view for view in camera.views if view.alone]
-        alone = [alone[i] for i in _farthest(_descriptions(camera, alone), most)]
-        chosen.append(replace(camera, views=(*shared, *alone)))
+        chosen.append(replace(camera, views=(*shared, *_spread(camera, alone, most))))
     return chosen
 
 
@@ -595,10 +594,8 @@ def _spread_frames(cameras: Sequence[CameraViews], most: int) -> set[int]:
     frames: set[int] = set()
     # first per number of cameras: what all see binds the rig together
     for camera in sorted(cameras, key=lambda c: len(c.shared)):
-        have = [i for i, view in enumerate(camera.shared) if view.frame in frames]
         weight = np.array([seen[view.frame] for view in camera.shared], dtype=float)
-        rows = _farthest(_descriptions(camera, camera.shared), most, have, weight)
-        frames |= {camera.shared[i].frame for i in rows}
+        frames |= {v.frame for v in _spread(camera, camera.shared, most, frames, weight)}
     for camera in cameras:  # others' choices may have brought more than wanted
         extra = [view.frame for view in camera.shared if view.frame in frames]
         if len(extra) > 2 * most:
@@ -620,25 +617,29 @@ def _descriptions(camera: CameraViews, views: Sequence[BoardView]) -> Floats:
     return np.array(rows).reshape(len(views), 6)
 
 
-def _farthest(
-    rows: Floats, most: int, have: Sequence[int] = (), weight: Array | None = None
-) -> list[int]:
-    """Return up to `most` rows, each next one the farthest from all before, begun with `have`."""
-    chosen = list(have)
-    if len(rows) <= most:
-        return list(range(len(rows)))
-    weight = np.ones(len(rows)) if weight is None else weight
+def _spread(
+    camera: CameraViews,
+    views: Sequence[BoardView],
+    most: int,
+    have: Collection[int] = (),
+    weight: Array[N] | float = 1.0,
+) -> list[BoardView]:
+    """Return up to `most` views, each next one the farthest from all before, begun with those of the frames that there are."""
+    if len(views) <= most:
+        return list(views)
+    rows = _descriptions(camera, views)
+    chosen = [i for i, view in enumerate(views) if view.frame in have]
     if not chosen:
-        middle = np.median(rows, axis=0)
-        chosen = [int(np.argmax(weight - 0.1 * np.linalg.norm(rows - middle, axis=1)))]
-    distance = np.min([np.linalg.norm(rows - rows[i], axis=1) for i in chosen], axis=0)
+        off = np.linalg.norm(rows - np.median(rows, axis=0), axis=1)
+        chosen = [int(np.argmax(weight - 0.1 * off))]
+    apart = np.linalg.norm(rows[:, None] - rows, axis=-1)
     while len(chosen) < most:
+        distance = apart[chosen].min(axis=0)
         best = int(np.argmax(distance * weight))
         if distance[best] <= 0:
             break
         chosen.append(best)
-        distance = np.minimum(distance, np.linalg.norm(rows - rows[best], axis=1))
-    return chosen
+    return [views[i] for i in chosen]
 
 
 def require_views(

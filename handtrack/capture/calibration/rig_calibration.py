@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, combinations, compress, islice
+from itertools import chain, combinations, compress, islice, permutations
 from typing import Any
 
 import cv2
@@ -252,12 +252,9 @@ def _assembled(board: Board, cameras: Sequence[CameraViews], boards: list[_Place
         for place, view in _by_place(camera).items()
     ]
     count = [len(view.ids) for _, _, view in seen]
-    return Corners(
-        camera=np.repeat([c for c, _, _ in seen], count).astype(np.int64),
-        view=np.repeat([v for _, v, _ in seen], count).astype(np.int64),
-        board=np.concatenate([board.points[view.ids] for _, _, view in seen]),
-        pixels=np.concatenate([view.pixels for _, _, view in seen]),
-    )
+    camera, number_of_view = np.repeat([(c, v) for c, v, _ in seen], count, axis=0).T
+    points = np.concatenate([board.points[view.ids] for _, _, view in seen])
+    return Corners(camera, number_of_view, points, np.concatenate([v.pixels for _, _, v in seen]))
 
 
 def _by_place(camera: CameraViews) -> dict[_Placed, BoardView]:
@@ -365,7 +362,7 @@ def place_cameras(
 
     Raises HandtrackError naming the groups of cameras that share no view.
     """
-    pairs = combinations(range(len(cameras)), 2)
+    pairs = permutations(range(len(cameras)), 2)
     edges = {(i, j): common_places(cameras[i], cameras[j]) for i, j in pairs}
     _require_connected(cameras, edges)
     turns = _turn_transforms(board)
@@ -376,10 +373,10 @@ def place_cameras(
     disagreement: dict[tuple[str, str], float] = {}
     while len(placed) < len(cameras):
         near, new = max(
-            ((i, j) if i in placed else (j, i) for i, j in edges if (i in placed) != (j in placed)),
-            key=lambda pair: (len(edges[min(pair), max(pair)]), -pair[1]),
+            ((i, j) for i, j in edges if i in placed and j not in placed),
+            key=lambda pair: (len(edges[pair]), -pair[1]),
         )
-        common = edges[min(near, new), max(near, new)]
+        common = edges[near, new]
         T_new_near, off = _agreed(
             [poses[new][p] for p in common], [poses[near][p] for p in common], turns
         )
