@@ -16,9 +16,7 @@ from handtrack.errors import HandtrackError
 from handtrack.export.registry import FORMATS, export_format
 from handtrack.export.table import ArchiveMetadata, ResultsTable
 from handtrack.files.atomic import keep_version
-from handtrack.model.model_file import scale_from
 from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
-from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.takes import foreign_result, foreign_takes, import_track, make_current
 from handtrack.store.history import Span
@@ -26,6 +24,7 @@ from handtrack.store.lease import holder_of
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import Take
 from handtrack.tracking.frame.result import TrackResult
+from handtrack.tracking.frame.tables.track_model import model_of
 from handtrack_app.commands.terminal.output import Answer, note, output_file, print_status
 from handtrack_app.commands.terminal.track_options import parse_frames
 
@@ -141,20 +140,14 @@ def _compared(store: Store, session: Session, numbers: list[int], frames: range 
 
 def _overlap(session: Session, take: Take, frames: range | None) -> float | None:
     """Return how well a take covers the session's masks; None where it cannot be told."""
-    labels = take.about.labels
-    values = json.loads(labels.settings or "{}") | {"model.fit_size": False}
     try:
-        run = TrackingRun.open(session, values, use_init=False)
-        run = run.with_scale(scale_from(json.loads(labels.scale), take.folder))
-        run = run.with_parameters(labels.parameter_names)
-        if run.model.parameter_names != labels.parameter_names:
-            return None
+        model = model_of(take.track(frames), f"take {take.number}")
         return mean_overlap(
-            run.model,
-            lambda frame: run.observed(frame).silhouettes,
+            model,
+            lambda frame: session.observation(frame, cloud=False).silhouettes,
             take.results(frames),
         )
-    except (HandtrackError, ValueError, KeyError, TypeError) as error:
+    except HandtrackError as error:
         print_status(
             f"note: the overlap of take {take.number} with the masks cannot be computed: {error}"
         )

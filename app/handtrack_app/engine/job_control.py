@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from handtrack.arrays import Floats
 from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights
 from handtrack.errors import HandtrackError, not_enough_memory
-from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_search import find_first_poses
@@ -675,10 +673,6 @@ def drags(jobs: JobControl, **_: object) -> None:
 _MOST = 8  # of a list
 
 
-_Pose = tuple[ArticulatedModel, Floats, Guess]
-"""a model, and its solver parameters (P,)"""
-
-
 @dataclass
 class Guesses:
     """What was found, by frame; what is carried stands in the tracker's results. On the worker's thread only."""
@@ -696,22 +690,22 @@ class Guesses:
         """Return the list of the frame shown; None where the page has it already."""
         frame = self.document.frame
         kind, poses = self._poses(frame)
-        key = (frame, kind, id(poses[0][1]) if poses else 0)
+        key = (frame, kind, id(poses[0].params) if poses else 0)
         if key == self._published or (not poses and not self._published[1]):
             return None
         self._published = key
         if not poses:
             return GuessesSnapshot(frame, "")
-        bones = [model.bones(params) for model, params, _ in poses]
+        bones = [pose.model.bones(pose.params) for pose in poses]
         counts = [len(b.position) for b in bones]
         return GuessesSnapshot(
             frame,
             kind,
-            tuple(guess for _, _, guess in poses),
+            tuple(Guess(pose.confidence, pose.note) for pose in poses),
             np.repeat(np.arange(len(poses)), counts),
             np.concatenate([b.position for b in bones]),
             np.concatenate([b.rotation for b in bones]),
-            np.concatenate([model.skeleton.length for model, _, _ in poses]),
+            np.concatenate([pose.model.skeleton.length for pose in poses]),
             is_new,
         )
 
@@ -722,33 +716,30 @@ class Guesses:
         kind, poses = self._poses(frame)
         if not 0 <= index < len(poses):
             return NOTHING
-        document, (model, params, _) = self.document, poses[index]
+        document, model = self.document, poses[index].model
         arm = model.has_forearm and not document.model.has_forearm
         arm = arm and document.model.has_keypoints21
         changed = [decide(forearm=np.inf)] if arm else []
         if document.size.pending and model.scale != document.run.scale:
             changed.append(edits.size(model.scale, pending=True))
-        joint = model.joint_params(params)
-        known = model.named(joint)
+        known = model.named(model.joint_params(poses[index].params))
         changed.append(decide(pose={frame: DecidedPose(known, found=kind == "found")}))
         if document.run.first is None:
             changed.append(decide(start=StartPose(frame, known)))
         return in_turn(*changed)
 
-    def _poses(self, frame: int) -> tuple[str, list[_Pose]]:
-        result = self.document.results.get(frame)
+    def _poses(self, frame: int) -> tuple[str, list[PoseEstimate]]:
+        """Return where the poses of a frame are from, as GuessesSnapshot has it, and the poses."""
         if frame in self.results:
-            rows = self.results[frame][:_MOST]
-            return "found", [(c.model, c.params, Guess(c.confidence, c.note)) for c in rows]
+            return "found", self.results[frame][:_MOST]
+        result, model = self.document.results.get(frame), self.document.model
         carried = () if result is None else result.alternatives[:_MOST]
         if len(carried) < 2:
             return "", []
-        model = self.document.model
         return "carried", [
-            (
-                model,
-                model.transform.solver_params(h.parameters),
-                Guess(h.weight, f"{h.origin}, cost {h.energy:.1f}"),
+            PoseEstimate(
+                model, model.transform.solver_params(h.parameters), h.energy, confidence=h.weight, frame=frame,
+                note=f"{h.origin}, cost {h.energy:.1f}",
             )
             for h in carried
-        ]
+        ]  # fmt: skip
