@@ -21,7 +21,7 @@ from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras, wrong_side_warning
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
-from handtrack.session.session_state import readable
+from handtrack.session.session_state import SessionState, readable
 from handtrack.session.takes import TakeRecorder
 from handtrack.store.store import Store
 from handtrack.tracking.frame.control import Control, Observer
@@ -549,22 +549,36 @@ def posed_frames(
         if size is not None and not size.pending:
             run = run.with_scale(size.scale)
     model = run.model
-    fixed, guides = dict[int, FrameResult](), dict[int, Floats]()
+    poses = dict[int, Floats]()
     rest = model.joint_params(run.initial()[1] if run.first is not None else model.rest_params())
     for frame, known in decided.items():
         if frame not in frames:
             continue
         names = zip(model.parameter_names, rest, strict=True)
-        pose = np.array([known.parameters.get(name, float(at)) for name, at in names])
-        if known.is_led:
-            guides[frame] = pose
-        else:
-            fixed[frame] = keyframe_result(run, frame, pose)
+        poses[frame] = np.array([known.parameters.get(name, float(at)) for name, at in names])
+    accepted = state.accepted_frames.intersection(frames) - poses.keys()
+    return run, *decided_frames(run, state, poses, _tracked(store, model, accepted))
+
+
+def decided_frames(
+    run: TrackingRun,
+    state: SessionState,
+    poses: Mapping[int, Floats[S]],
+    tracked: Mapping[int, FrameResult],
+) -> tuple[dict[int, FrameResult], dict[int, Floats[S]]]:
+    """Return which frames stay as they are, and the poses from which tracking starts again, as `posed_frames` has them.
+
+    Parameters
+    ----------
+    poses
+        joint parameters of the frames of `state.pose`
+    tracked
+        of accepted frames that nobody posed
+    """
     accepted = state.accepted_frames
-    for frame in accepted & guides.keys():
-        fixed[frame] = keyframe_result(run, frame, guides.pop(frame))
-    fixed |= _tracked(store, model, accepted.intersection(frames) - fixed.keys())
-    return run, dict(sorted(fixed.items())), dict(sorted(guides.items()))
+    guides = {f: p for f, p in poses.items() if state.pose[f].is_led and f not in accepted}
+    posed = {f: keyframe_result(run, f, p) for f, p in poses.items() if f not in guides}
+    return dict(sorted({**tracked, **posed}.items())), dict(sorted(guides.items()))
 
 
 def _tracked(

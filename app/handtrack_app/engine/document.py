@@ -519,11 +519,6 @@ class Document:
         """Whether anybody said where the hand is: else it stands somewhere in view."""
         return self.run.first is not None or bool(self.by_hand) or bool(self.results.layers)
 
-    def keyframes(self, frames: range, is_led: bool = False) -> dict[int, Floats[S]]:
-        """Return the poses set by hand at some of the frames; or those to which the solver led, by pins or settings."""
-        known = (f for f in sorted(self.by_hand) if f in frames)
-        return {f: self.by_hand[f] for f in known if self.decided_pose(f).is_led == is_led}
-
     def is_locked(self, frame: int) -> bool:
         """Return whether a frame was accepted, and its pose shows: not under another model."""
         return frame in self.accepted and (frame in self.by_hand or frame in self.results)

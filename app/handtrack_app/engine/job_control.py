@@ -31,7 +31,7 @@ from handtrack.session.track_session import (
     PassBegan,
     SizeFitted,
     TrackingRequest,
-    keyframe_result,
+    decided_frames,
     refine_frames,
     track_session,
 )
@@ -73,18 +73,19 @@ def tracking_request(
     run, start = document.run, document.start_pose(first, anew)
     if len(frames) == 1:
         return TrackingRequest(frames, first, start, fit_size=False, track_again=False)
-    posed, guides = document.keyframes(frames), document.keyframes(frames, is_led=True)
-    accepted = {f for f in document.accepted if f in frames and document.is_locked(f)}
-    posed |= {f: document.by_hand[f] for f in accepted if f in document.by_hand}
-    fixed = {f: keyframe_result(run, f, pose) for f, pose in posed.items()}
-    fixed |= {f: document.results[f] for f in accepted - posed.keys()}
-    started = set() if first in document.accepted or not anew else {first}
+    results, accepted = document.results, document.accepted
+    poses = {f: pose for f, pose in document.by_hand.items() if f in frames}
+    tracked = {f: results[f] for f in accepted - poses.keys() if f in frames and f in results}
+    fixed, guides = decided_frames(run, document.state, poses, tracked)
+    if anew and first not in accepted:
+        fixed.pop(first, None)
+        guides.pop(first, None)
     return TrackingRequest(
         frames,
         first,
         start,
-        {f: result for f, result in fixed.items() if f not in started},
-        {f: pose for f, pose in guides.items() if f not in accepted | started},
+        fixed,
+        guides,
         both_ends,
         fit_size=document.size.pending,
         track_again=anew,  # else other takes are of the model that there is

@@ -190,7 +190,7 @@ def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(desk, work
     _pull(worker, listener, 1, frame=8)
     listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 2 and p.origin == "pinned")
     pinned, before = worker.document.pose_at(8), bends(worker)
-    assert not worker.document.keyframes(range(FRAMES))
+    assert worker.document.by_hand.keys() == {8} and worker.document.decided_pose(8).is_led
     worker.engine.refine()
     listener.told("Refined: ")
     after = bends(worker)

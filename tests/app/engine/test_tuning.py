@@ -65,8 +65,8 @@ def test_a_change_and_its_fit_are_one_step_and_the_newest_change_wins(worker, li
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
     bend = worker.document.model.parameter_names.index("index_pip_flex")
     assert worker.document.shown[bend] == pytest.approx(0.3)
-    assert not worker.document.keyframes(range(12)), "tracking solves it anew"
-    assert worker.document.keyframes(range(12), is_led=True).keys() == {3}
+    assert worker.document.by_hand.keys() == {3}
+    assert worker.document.decided_pose(3).is_led, "tracking solves it anew"
     worker.engine.look_before(True)
     looked = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == snapshots.BEFORE)
     assert_allclose(looked.values, before, atol=1e-9)

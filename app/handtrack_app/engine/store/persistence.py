@@ -397,11 +397,10 @@ class Persistence:
         document, span = self.document, Span(take.number, take.frames.start, take.frames.stop)
         under = resolved(document.state.spans, document.takes.frames_of)
         laid = [decide(spans=(*under, span))]
-        given_way = {take.first} & take.take_frames.keys()
-        given_way |= (
-            document.keyframes(take.frames, is_led=True).keys() - document.accepted
-        )  # solved again
-        laid.append(decide(pose=dict.fromkeys(given_way & document.by_hand.keys())))
+        posed = {f for f in document.by_hand if f in take.frames}
+        solved = {f for f in posed - document.accepted if document.decided_pose(f).is_led}
+        given_way = solved | (posed & take.take_frames.keys() & {take.first})
+        laid.append(decide(pose=dict.fromkeys(given_way)))
         if take.scale is not None:
             laid.append(edits.size(take.scale, live=document.size.live or document.run.scale))
         words = f"frames {span.first} to {span.stop - 1}"
