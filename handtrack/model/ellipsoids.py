@@ -61,6 +61,8 @@ class Ellipsoids:
 
     def thicker(self, by_m: float) -> Ellipsoids:
         """Return the ellipsoids with semi-axes longer by so much, or shorter, by half at most."""
+        if by_m == 0.0:
+            return self
         return replace(self, radii=np.maximum(self.radii + by_m, 0.5 * self.radii))
 
     def subset(self, keep: Array[E]) -> Ellipsoids:

@@ -137,39 +137,37 @@ def separation(delta, one, other, enough, n, p, q):  # pragma: no cover - compil
     p, q
         The points that go deepest, from either centre.
     """
-    start = np.empty((2, 3))
     size = np.sqrt(delta[0] ** 2 + delta[1] ** 2 + delta[2] ** 2)
-    starts = 1
-    if size > 1e-12:
-        for a in range(3):
-            start[0, a] = delta[a] / size
-    else:
-        start[0, 0], start[0, 1], start[0, 2] = 1.0, 0.0, 0.0
-    # a second start: the normal, on the line of centres, of the ellipsoid with D₁ + D₂; better than that line for long parts
-    best = -np.inf
-    trial, tp, tq = np.empty(3), np.empty(3), np.empty(3)
-    total = np.empty((3, 3))
     for a in range(3):
-        for b in range(3):
-            total[a, b] = one[a, b] + other[a, b]
+        n[a] = delta[a] / size if size > 1e-12 else 1.0 * (a == 0)
+    f = _free_space(delta, one, other, n)
+    if f > enough:  # so are most: nothing is allocated before
+        return f
+    # a second start: the normal, on the line of centres, of the ellipsoid with D₁ + D₂; better than that line for long parts
     # (D₁ + D₂)⁻¹ δ by Cramer's rule
-    c00 = total[1, 1] * total[2, 2] - total[1, 2] * total[2, 1]
-    c01 = total[1, 2] * total[2, 0] - total[1, 0] * total[2, 2]
-    c02 = total[1, 0] * total[2, 1] - total[1, 1] * total[2, 0]
-    c11 = total[0, 0] * total[2, 2] - total[0, 2] * total[2, 0]
-    c12 = total[0, 1] * total[2, 0] - total[0, 0] * total[2, 1]
-    c22 = total[0, 0] * total[1, 1] - total[0, 1] * total[1, 0]
+    a00, a01, a02 = one[0, 0] + other[0, 0], one[0, 1] + other[0, 1], one[0, 2] + other[0, 2]
+    a11, a12, a22 = one[1, 1] + other[1, 1], one[1, 2] + other[1, 2], one[2, 2] + other[2, 2]
+    a10, a20, a21 = one[1, 0] + other[1, 0], one[2, 0] + other[2, 0], one[2, 1] + other[2, 1]
+    c00 = a11 * a22 - a12 * a21
+    c01 = a12 * a20 - a10 * a22
+    c02 = a10 * a21 - a11 * a20
+    c11 = a00 * a22 - a02 * a20
+    c12 = a01 * a20 - a00 * a21
+    c22 = a00 * a11 - a01 * a10
     x = c00 * delta[0] + c01 * delta[1] + c02 * delta[2]
     y = c01 * delta[0] + c11 * delta[1] + c12 * delta[2]
     z = c02 * delta[0] + c12 * delta[1] + c22 * delta[2]
     size = np.sqrt(x * x + y * y + z * z)
+    start, starts = np.empty((2, 3)), 1
+    for a in range(3):
+        start[0, a] = n[a]
     if size > 1e-300:
         start[1, 0], start[1, 1], start[1, 2] = x / size, y / size, z / size
         starts = 2
-    for s in range(starts):
-        f = _free_space(delta, one, other, start[s])
+        f = _free_space(delta, one, other, start[1])
         if f > enough:
             return f
+    best, trial, tp, tq = -np.inf, np.empty(3), np.empty(3), np.empty(3)
     for s in range(starts):
         for a in range(3):
             trial[a] = start[s, a]

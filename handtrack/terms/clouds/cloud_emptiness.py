@@ -112,11 +112,11 @@ def _picture(
     z = out.mean(axis=0)
     far = max(float(np.linalg.norm(z)), 1e-6)
     z /= far
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x = _cross(z, np.eye(3)[np.argmin(np.abs(z))])
     x /= np.linalg.norm(x)
     depth, nearer = out @ z, rest @ z
     place, other, inside, count = np.zeros(len(out)), np.zeros(len(rest)), nearer > 0, 1
-    for across in (x, np.cross(z, x)):
+    for across in (x, _cross(z, x)):
         flat, beside = (
             (far / CELL) * (one @ across) / np.maximum(away, 1e-3)
             for one, away in ((out, depth), (rest, nearer))
@@ -126,3 +126,9 @@ def _picture(
         inside &= (beyond >= 0) & (beyond < size)
         place, other, count = place * size + cell, other * size + beyond, count * size
     return place.astype(int), depth, np.where(inside, other, count).astype(int), nearer, count
+
+
+def _cross(a: Floats[D3], b: Floats[D3]) -> Floats[D3]:
+    """Return a × b of two vectors, for which `np.cross` takes ten times as long."""
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

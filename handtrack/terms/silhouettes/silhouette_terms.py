@@ -158,11 +158,10 @@ class CoverageTerm(FieldTerm):
         super().__init__(silhouettes, ellipsoids, weight, "coverage")
         count = len(self.silhouettes)
         self.band_px = per_camera(band_px, count, "the band's width")
-        centre = ellipsoids.posed(bones_at_start).centre
+        centre, least = ellipsoids.posed(bones_at_start).centre, ellipsoids.radii.min(axis=1)
         own = zip(self.silhouettes, self.band_px, row_steps or (1,) * count, strict=True)
         self.fields = tuple(
-            _ramp(seen.camera, ellipsoids.radii.min(axis=1), centre, band, antisymmetric, step)
-            for seen, band, step in own
+            _ramp(seen.camera, least, centre, band, antisymmetric, step) for seen, band, step in own
         )
 
     def outline_errors_px(self, bones: Sequence[BonePoses]) -> Floats[C]:
@@ -195,11 +194,11 @@ def _ramp(
     least, centre: minor radii [m], and where they are, world [m].
     """
     depth = np.maximum(camera.to_camera(centre)[:, 2], least)
-    share = np.clip(
-        band_px * depth / np.maximum(least * camera.focal_px, 1e-12), _NARROWEST, _WIDEST
-    )
+    share = band_px * depth / np.maximum(least * camera.focal_px, 1e-12)
+    share = np.minimum(np.maximum(share, _NARROWEST), _WIDEST)
     outer, inner = ramp_levels(share, antisymmetric)
-    levels = np.stack([outer, 1.0 / (inner + outer)], axis=1)
+    levels = np.empty((len(least), 2))
+    levels[:, 0], levels[:, 1] = outer, 1.0 / (inner + outer)
     return CameraField(camera.projection, levels, 1.0, False, step)
 
 

@@ -72,7 +72,14 @@ def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> 
         known = [r.energy / (r.views or views) for r in posed]
     if len(known) < FEWEST_FRAMES:
         return 1.0
-    return energy / views / max(float(np.percentile(known, 25)), _LEAST_USUAL)
+    return energy / views / max(_lower_quartile(known), _LEAST_USUAL)
+
+
+def _lower_quartile(values: Sequence[float]) -> float:
+    """Return the 25th percentile of two values and more, to the bit what `np.percentile` takes a hundred times as long for."""
+    place, share = divmod(0.25 * (len(values) - 1), 1.0)
+    low, high = sorted(values)[int(place) : int(place) + 2]
+    return low + (high - low) * share if share < 0.5 else high - (high - low) * (1.0 - share)
 
 
 def _posed(previous: Sequence[FrameResult]) -> list[FrameResult]:
