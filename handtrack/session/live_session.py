@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 
 from handtrack.capture.calibration.rig_file import read_rig
-from handtrack.capture.clouds.cloud_filters import HandDistance
+from handtrack.capture.clouds.cloud_filters import HandRegion
 from handtrack.capture.live.live_feed import (
     LiveCamera,
     LiveFeed,
@@ -97,11 +97,11 @@ class LiveSession(Session):
         frame: int,
         silhouettes: bool = True,
         cloud: bool = True,
-        hand_distance: HandDistance | None = None,
+        hand: HandRegion | None = None,
     ) -> Observation:
         """Return what is seen of a frame, after waiting for it; see Session.observation."""
         self._feed.reach(frame)
-        return super().observation(frame, silhouettes, cloud, hand_distance)
+        return super().observation(frame, silhouettes, cloud, hand)
 
     def prepare(self, frame: int, silhouettes: bool, cloud: bool) -> None:
         self._feed.reach(frame)

@@ -36,6 +36,7 @@ from handtrack.parallel import in_parallel, thread_count
 from handtrack.session.first_pose.first_pose import FirstPose, poses_from_images
 from handtrack.session.session import Session
 from handtrack.session.session_file import BODY_TRACKING, CloudSettings
+from handtrack.session.sources.clouds import hand_region
 from handtrack.session.sources.keypoint_files import of_model
 from handtrack.session.sources.views import joint_sigma_px
 from handtrack.tracking.find_pose import PoseEstimate, pose_in_space
@@ -49,7 +50,6 @@ from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
 from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.cloud_terms import agreement
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
-from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import refine_recording, track_recording
 from handtrack.tracking.size.person import FEWEST_BY_JOINTS, Subject, is_observed_around
@@ -364,7 +364,7 @@ class TrackingRun:
             Where the hand is expected; the cloud is cropped to it.
         """
         settings, session = self.settings, self.session
-        near = None if bones is None else hand_distance(self.model, bones)
+        near = None if bones is None else hand_region(self.model, bones)
         silhouettes, cloud = settings.silhouettes.weight > 0, settings.cloud.weight > 0
         seen = session.observation(frame, silhouettes, cloud, near)
         if settings.keypoints.weight > 0:

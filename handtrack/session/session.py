@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from handtrack.arrays import D3, Array, Bytes, C, Floats, H, W
 from handtrack.capture.calibration.rig_file import read_rig, rig_json
-from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, HandDistance
+from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, HandRegion
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.images.frames import files_by_frame, frames_of
 from handtrack.capture.images.video import VideoFile
@@ -56,6 +56,7 @@ from handtrack.session.sources.views import (
     kept,
     most_clouds,
     most_observations,
+    most_whole_clouds,
     scaled_camera,
     whole,
 )
@@ -64,6 +65,8 @@ from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
 
 _T = TypeVar("_T")
+_ROOM_M = 0.05
+"""by which a hand may be elsewhere than it was expected first, until a frame's cloud is measured again"""
 
 
 class Session:
@@ -93,6 +96,7 @@ class Session:
         """how the hand's points are told from the others, by [clouds]."""
         self._clouds: CloudSource | None
         self._measured: LRUCache[int, PointCloud | None]
+        self._parts: LRUCache[int, tuple[HandRegion, PointCloud]]
         self._observations: LRUCache[tuple[int, bool, bool], Kept]
         self._measure_anew()
         self.truth: Truth | None = self._optional(TRUTH_FILE, read_truth)
@@ -242,10 +246,10 @@ class Session:
         if self._clouds is None:
             return None
         read = self._clouds.read
-        return self._measured.value(frame, lambda: read(frame), most_clouds)
+        return self._measured.value(frame, lambda: read(frame), most_whole_clouds)
 
     def cloud(
-        self, frame: int, hand_distance: HandDistance | None = None
+        self, frame: int, hand: HandRegion | None = None
     ) -> tuple[PointCloud | None, tuple[FilterReport, ...]]:
         """Return the hand's points of a frame, and what each filter did.
 
@@ -253,13 +257,29 @@ class Session:
 
         Parameters
         ----------
-        hand_distance
-            Points (N, 3) → distance (N,) [m] to the hand of the frame before, for the crop.
+        hand
+            Of the frame before, for the crop.
         """
         measured = self.measured_cloud(frame)
         if measured is None or self._clouds is None:
             return None, ()
-        return self.cloud_filters.apply(measured, hand_distance, self._clouds.camera_centres)
+        return self.cloud_filters.apply(measured, hand, self._clouds.camera_centres)
+
+    def _cloud_near(self, frame: int, hand: HandRegion) -> PointCloud | None:
+        """Return the hand's points of a frame, cropped to a hand. What they are chosen from is kept, as long as the hand is about
+        where it was expected first: the same frame is asked for many times."""
+        assert self._clouds is not None
+        filters, centres = self.cloud_filters, self._clouds.camera_centres
+        known = self._parts.get(frame)
+        if known is None or not known[0].is_about(hand, _ROOM_M):
+            measured = self.measured_cloud(frame)
+            if measured is None:
+                return None
+            known = hand, filters.around(measured, hand, _ROOM_M, centres)
+            # running cameras count their frames anew when they begin again
+            most = most_clouds(known[1]) if self.live is None else LEAST_KEPT
+            self._parts.put(frame, known, most)
+        return filters.of_part(known[1], hand, centres)
 
     @property
     def cloud_camera_centres(self) -> Floats[C, D3] | None:
@@ -296,13 +316,13 @@ class Session:
         if clouds is None or known is None or clouds.sources != known.sources:
             changed._measure_anew()
         changed.cloud_filters = changed._filters(seed)
-        changed._observations = LRUCache()
+        changed._parts, changed._observations = LRUCache(), LRUCache()
         return changed
 
     def _measure_anew(self) -> None:
         """Read clouds and observations by what has changed, and nothing that was kept."""
         self._clouds = cloud_source(self.file, self.cloud_files, self.views, self.rig)
-        self._measured, self._observations = LRUCache(), LRUCache()
+        self._measured, self._parts, self._observations = LRUCache(), LRUCache(), LRUCache()
 
     def with_masks(self, wanted: Mapping[str, MaskChoice]) -> Session:
         """Return this session with other masks of some cameras, by name; session.toml stays as it is, and images are shared.
@@ -376,8 +396,8 @@ class Session:
 
     def forget_observations(self) -> None:
         """Forget what was seen: masks were corrected, which may cut clouds, too."""
-        self._observations.clear()
-        self._measured.clear()
+        for one in (self._measured, self._parts, self._observations):
+            one.clear()
 
     def _views(self) -> tuple[View, ...]:
         by_time = self._camera_times
@@ -394,7 +414,7 @@ class Session:
         frame: int,
         silhouettes: bool = True,
         cloud: bool = True,
-        hand_distance: HandDistance | None = None,
+        hand: HandRegion | None = None,
     ) -> Observation:
         """Return what was seen of one frame.
 
@@ -404,8 +424,8 @@ class Session:
         ----------
         silhouettes, cloud
             What is wanted; the other is neither read nor computed.
-        hand_distance
-            Crops the cloud to a hand before it is thinned, see `cloud`.
+        hand
+            Crops the cloud, see `cloud`.
 
         Raises
         ------
@@ -418,9 +438,11 @@ class Session:
                 f"{self.frame_count - 1}."
             )
         cloud = cloud and self.has_clouds
-        cropped = cloud and hand_distance is not None and self.cloud_filters.crop_m is not None
-        seen = self._kept(frame, silhouettes, cloud and not cropped)
-        seen = self._with_cloud(seen, hand_distance) if cropped else seen
+        if self.cloud_filters.crop_m is None or not cloud:
+            hand = None
+        seen = self._kept(frame, silhouettes, cloud and hand is None)
+        if hand is not None:
+            seen = self._with_cloud(seen, self._cloud_near(frame, hand))
         pins = self.pins.observed(frame)
         return replace(seen, pins=pins) if pins else seen
 
@@ -443,7 +465,7 @@ class Session:
 
     def _observe(self, frame: int, silhouettes: bool, cloud: bool) -> Observation:
         if cloud:
-            return self._with_cloud(self._kept(frame, silhouettes, False), None)
+            return self._with_cloud(self._kept(frame, silhouettes, False), self.cloud(frame)[0])
         views = self.views if silhouettes else ()
         seen = tuple(s for view in views if (s := view.silhouette(frame)) is not None)
         frames_later = {
@@ -451,12 +473,11 @@ class Session:
         }
         return Observation(frame, self.time_s(frame), weighed(seen), frames_later=frames_later)
 
-    def _with_cloud(self, seen: Observation, hand_distance: HandDistance | None) -> Observation:
+    def _with_cloud(self, seen: Observation, cloud: PointCloud | None) -> Observation:
         assert self._clouds is not None
-        points = self.cloud(seen.frame, hand_distance)[0]
         return replace(
             seen,
-            cloud=points,
+            cloud=cloud,
             cloud_views=self._clouds.cameras_needed,
             cloud_cameras=self._clouds.names,
         )

@@ -108,18 +108,22 @@ def test_what_any_camera_has_in_range_stays():
     assert filters.within_range(points, np.array(second), 0.1, 1.5).tolist() == [False, True, True]
 
 
+AT_HALF = filters.HandRegion(np.array([[0, 0, 0, 9]]), lambda p: np.abs(p[:, 2] - 0.5))
+
+
 def patch(rng, centre, count=2000, side=0.1):
     """A square of points facing the camera."""
     flat = rng.uniform(-side / 2, side / 2, (count, 2))
     return np.column_stack([flat, rng.normal(0, 1e-4, count)]) + np.array(centre)
 
 
-def test_thinning_keeps_a_fixed_number_per_cell_and_is_the_same_each_time(rng):
+def test_thinning_keeps_a_fixed_number_per_cell_whatever_is_in_others(rng):
     points = rng.uniform(0, 0.1, (20_000, 3))
     cell = filters.cell_numbers(points, 0.02)
     for count in (1, 3):
         keep = filters.thinned(points, 0.02, count)
-        assert np.array_equal(keep, filters.thinned(points, 0.02, count))
+        part = points[:, 0] < 0.06
+        assert np.array_equal(keep[part], filters.thinned(points[part], 0.02, count))
         _, left = np.unique(cell[keep], return_counts=True)
         assert len(left) == len(np.unique(cell))
         assert (left == count).all()
@@ -130,11 +134,9 @@ def test_the_nearest_and_the_largest_part(rng):
     stray = np.array([[0, 0, 0.2], [0.3, 0, 0.3]])
     points = np.vstack([hand, body, stray])
     near = filters.nearest_part(points, EYE)
-    assert near[:1500].all()
-    assert not near[1500:].any()
+    assert np.flatnonzero(near).tolist() == list(range(1500))
     large = filters.largest_part(points)
-    assert large[1500:21_500].all()
-    assert not large[:1500].any()
+    assert np.flatnonzero(large).tolist() == list(range(1500, 21_500))
 
 
 def test_an_object_before_a_hand_that_is_known_is_not_taken_for_it(rng):
@@ -142,13 +144,9 @@ def test_an_object_before_a_hand_that_is_known_is_not_taken_for_it(rng):
     parts = ((0, 0, 0.42), 800), ((0, 0, 0.5), 1500), ((0.1, 0, 0.9), 5000)
     points = np.vstack([patch(rng, middle, count) for middle, count in parts])
 
-    def away(asked):
-        return np.abs(asked[:, 2] - 0.5)
-
     for front in (None, 0.1):
-        near = filters.nearest_part(points, EYE, front, hand_distance=away)
-        assert near[:2300].all()
-        assert not near[2300:].any()
+        near = filters.nearest_part(points, EYE, front, AT_HALF)
+        assert np.flatnonzero(near).tolist() == list(range(2300))
 
 
 def test_a_hand_is_cut_from_the_body_it_hangs_on(rng):
@@ -181,11 +179,11 @@ def test_skin_ellipse_from_samples_with_size_as_threshold(rng):
 def test_the_chain_reports_every_step(rng):
     cloud = PointCloud(np.vstack([patch(rng, (0, 0, 0.5), 30_000), patch(rng, (0, 0, 3.0))]))
     chain = CloudFilters(component="nearest", max_points=500)
-    left, reports = chain.apply(cloud, lambda p: np.abs(p[:, 2] - 0.5), EYE)
-    assert [r.name for r in reports] == ["range", "crop", "component", "voxel", "outliers", "most"]
+    left, reports = chain.apply(cloud, AT_HALF, EYE)
+    assert [r.name for r in reports] == ["range", "crop", "component", "voxel", "most", "outliers"]
     assert (reports[0].before, reports[0].after) == (32_000, 30_000)
     assert [r.before for r in reports[1:]] == [r.after for r in reports[:-1]]
-    assert len(left) == reports[-1].after == 500
+    assert len(left) == reports[-1].after <= reports[-2].after == 500
 
 
 def camera(distortions=(0, 0, 0, 0, 0)):

@@ -1,4 +1,4 @@
-"""Compiled loop that numbers the cells of a grid in which points lie."""
+"""Compiled loops over the points of a cloud: which cell of a grid each lies in, and whether a ball is near."""
 
 from __future__ import annotations
 
@@ -29,3 +29,19 @@ def number_cells(cells):  # pragma: no cover - compiled
         before[n] = met[number[n]]
         met[number[n]] += 1
     return number, before
+
+
+@compiled
+def near_balls(points, balls, reach, found):  # pragma: no cover - compiled
+    """Fill found (N,): whether a point (N, 3) lies within reach of one of balls (E, 4), centre and radius."""
+    for n in range(points.shape[0]):
+        found[n] = False
+        for b in range(balls.shape[0]):
+            x, y, z = (
+                points[n, 0] - balls[b, 0],
+                points[n, 1] - balls[b, 1],
+                points[n, 2] - balls[b, 2],
+            )
+            if x * x + y * y + z * z <= (balls[b, 3] + reach) ** 2:
+                found[n] = True
+                break

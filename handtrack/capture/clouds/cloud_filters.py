@@ -1,6 +1,6 @@
 """Filters that keep the hand's points of a cloud: pure functions points → keep, and their chain.
 
-After the point cloud paper, §2.3: distance to the previous hand, skin ellipse; and mission B4.
+After the point cloud paper, §2.3: distance to the previous hand, skin ellipse.
 Every filter is deterministic.
 """
 
@@ -12,21 +12,50 @@ from typing import Literal
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, C, Floats, Ints, N
+from handtrack.arrays import D3, D4, Array, C, E, Floats, Ints, K, N, array_dataclass
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.setting import setting
 
-HandDistance = Callable[[Floats[N, D3]], Floats[N]]
-"""points, world [m] → distance [m] to the hand of the frame before."""
-
-_AT_ONCE = 100_000  # points handed to the distance function: bounds its memory
 _TREE_MOST = 60_000  # points that the outlier test looks at
 _LINK_M = 0.015  # cells of a component: gaps up to about that size do not part it
 _FAR_CELLS = 2**19  # cells beyond that from the middle count as one: their number fits 64 bits
 _NEAR_SHARE = 0.01  # of a part's points: single stray ones do not bring it near
 _LOOKED = 10  # of so many points one is asked where the middle is, or how far from a hand it is
+_MIXERS = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], np.uint64)
+"""odd numbers without pattern (those of SplitMix64)"""
 _LEAST_SHARE = 0.02  # of the points: a smaller component is no hand
+
+
+@array_dataclass
+class HandRegion:
+    """Where a hand is expected: what clouds are cropped to."""
+
+    balls: Floats[E, D4]
+    """that hold the hand, a part each: centre, world [m], and radius [m]"""
+    distance: Callable[[Floats[K, D3]], Floats[K]]
+    """points, world [m] → distance [m] to the hand, no less than to the nearest ball"""
+
+    def near(self, points: Floats[N, D3], reach_m: float) -> Array[N]:
+        """Return which points lie within reach_m [m] of the hand."""
+        found = self.around(points, reach_m)
+        found[found] = self.distance(points[found]) <= reach_m
+        return found
+
+    def around(self, points: Floats[N, D3], reach_m: float) -> Array[N]:
+        """Return which points lie within reach_m [m] of a ball: all that are so near to the hand, and some others."""
+        from handtrack.capture.clouds.cell_kernels import near_balls  # the page does without Numba
+
+        found = np.empty(len(points), bool)
+        near_balls(np.ascontiguousarray(points, float), self.balls, reach_m, found)
+        return found
+
+    def is_about(self, other: HandRegion, room_m: float) -> bool:
+        """Return whether what is around the other hand is around this one with room_m more reach."""
+        if self.balls.shape != other.balls.shape:
+            return False
+        centre, radius = np.split(other.balls - self.balls, [3], axis=1)
+        return bool((np.linalg.norm(centre, axis=1) + radius[:, 0] <= room_m).all())
 
 
 @dataclass(frozen=True)
@@ -41,6 +70,10 @@ class FilterReport:
 
     def __str__(self) -> str:
         return f"{self.text}: {self.before} → {self.after} points"
+
+
+_Step = tuple[str, str, Callable[[PointCloud], Array]]
+"""a filter's name, words for it, and which points of a cloud it keeps"""
 
 
 @dataclass(frozen=True)
@@ -135,31 +168,50 @@ class CloudFilters:
     def apply(
         self,
         cloud: PointCloud,
-        hand_distance: HandDistance | None = None,
+        hand: HandRegion | None = None,
         centres: Floats[C, D3] | None = None,
     ) -> tuple[PointCloud, tuple[FilterReport, ...]]:
         """Return the hand's points, and what each filter did, in order.
 
         Parameters
         ----------
-        hand_distance
+        hand
             Of the frame before; None skips the crop.
         centres
             World [m], the cameras' centres; None skips what depends on the distance to them.
         """
-        fate, reports = self.dropped_by(cloud, hand_distance, centres)
+        fate, reports = self.dropped_by(cloud, hand, centres)
         return cloud.select(fate == len(reports)), reports
+
+    def of_part(self, part: PointCloud, hand: HandRegion, centres: Floats[C, D3]) -> PointCloud:
+        """Return what `apply` leaves of the whole cloud, of its part `around` a region that is about the hand."""
+        for _, _, keep in self._steps_of_hand(hand, centres):
+            if len(part):
+                part = part.select(keep(part))
+        return part
+
+    def around(
+        self, cloud: PointCloud, hand: HandRegion, room_m: float, centres: Floats[C, D3]
+    ) -> PointCloud:
+        """Return a part of a cloud that is enough for every hand that `hand` is about, within room_m."""
+        assert self.crop_m is not None
+        whole_cells = 0.0 if self.voxel_m is None else np.sqrt(3.0) * self.voxel_m
+        part = cloud.select(hand.around(cloud.points, self.crop_m + room_m + whole_cells))
+        for _, _, keep in self._steps_anywhere(centres):
+            if len(part):
+                part = part.select(keep(part))
+        return part
 
     def dropped_by(
         self,
         cloud: PointCloud,
-        hand_distance: HandDistance | None,
+        hand: HandRegion | None,
         centres: Floats[C, D3] | None,
     ) -> tuple[Array[N], tuple[FilterReport, ...]]:
         """Return which filter dropped each point, by its place among the reports, and the
         reports; points that stay have the number after the last one.
         """
-        steps = list(self._steps(hand_distance, centres))
+        steps = [*self._steps_anywhere(centres), *self._steps_of_hand(hand, centres)]
         fate = np.full(len(cloud), len(steps), np.int8)
         left, place = cloud, np.arange(len(cloud))
         reports: list[FilterReport] = []
@@ -173,43 +225,47 @@ class CloudFilters:
             reports.append(FilterReport(name, before, len(left), text))
         return fate, tuple(reports)
 
-    def _steps(
-        self, hand_distance: HandDistance | None, centres: Floats | None
-    ) -> Iterator[tuple[str, str, Callable[[PointCloud], Array]]]:
-        """Yield name, words and function of the filters that are on: the cheap ones first, so
-        that the dear ones see few points."""
-        near, far, crop = self.near_m or 0.0, self.far_m or np.inf, self.crop_m
-        skin, part, front = self.skin, self.component, self.front_m
-        voxel, neighbours, most = self.voxel_m, self.outlier_neighbours, self.max_points
+    def _steps_anywhere(self, centres: Floats | None) -> Iterator[_Step]:
+        """Yield the filters that are on and judge a point by itself and those in its cell, wherever the hand is: before the others,
+        so that these see few points."""
+        near, far, skin = self.near_m or 0.0, self.far_m or np.inf, self.skin
         if centres is not None and (self.near_m or self.far_m):
             text = f"{near:g} to {far:g} m from a camera"
             yield "range", text, lambda c: within_range(c.points, centres, near, far)
-        if crop is not None and hand_distance is not None:
-            text = f"within {crop * 1e3:g} mm of the previous hand"
-            yield "crop", text, lambda c: near_hand(c.points, hand_distance, crop)
         if skin is not None:
             text = f"skin colour, ellipse of {skin.size:g} standard deviations"
             yield "skin", text, lambda c: skin_coloured(c, skin)
+        if self.component == "all":
+            yield from self._thinning()
+
+    def _steps_of_hand(self, hand: HandRegion | None, centres: Floats | None) -> Iterator[_Step]:
+        """Yield the other filters that are on."""
+        crop, part, front = self.crop_m, self.component, self.front_m
+        neighbours, most = self.outlier_neighbours, self.max_points
+        if crop is not None and hand is not None:
+            text = f"within {crop * 1e3:g} mm of the previous hand"
+            yield "crop", text, lambda c: hand.near(c.points, crop)
         if part == "largest":
             yield "component", "the largest part", lambda c: largest_part(c.points)
         if part == "nearest" and centres is not None:
             reach = "" if front is None else f", {front * 1e3:g} mm deep"
             text = f"the part nearest to a camera{reach}"
-            yield (
-                "component",
-                text,
-                lambda c: nearest_part(c.points, centres, front, hand_distance),
-            )
-        if voxel is not None:
-            text = f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm"
-            yield "voxel", text, lambda c: thinned(c.points, voxel, self.per_voxel, self.seed)
+            yield "component", text, lambda c: nearest_part(c.points, centres, front, hand)
+        if part != "all":  # parts are told by their share of what cameras measured
+            yield from self._thinning()
+        if most is not None:
+            text = f"at most {most}, at random"
+            yield "most", text, lambda c: random_part(len(c), most, self.seed)
         if neighbours is not None:
             ratio = self.outlier_ratio
             text = f"mean distance to {neighbours} neighbours below {ratio:g} times the usual"
             yield "outliers", text, lambda c: inliers(c.points, neighbours, ratio, self.seed)
-        if most is not None:
-            text = f"at most {most}, at random"
-            yield "most", text, lambda c: random_part(len(c), most, self.seed)
+
+    def _thinning(self) -> Iterator[_Step]:
+        voxel = self.voxel_m
+        if voxel is not None:
+            text = f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm"
+            yield "voxel", text, lambda c: thinned(c.points, voxel, self.per_voxel, self.seed)
 
 
 def finite(points: Floats[N, D3]) -> Array[N]:
@@ -228,14 +284,6 @@ def within_range(
         found[left] = (square >= near_m**2) & (square <= far_m**2)
         left = np.flatnonzero(~found)
     return found
-
-
-def near_hand(points: Floats[N, D3], hand_distance: HandDistance, crop_m: float) -> Array[N]:
-    """Return which points lie within crop_m [m] of the hand of the frame before."""
-    parts = range(0, len(points), _AT_ONCE)
-    return np.concatenate(
-        [hand_distance(points[i : i + _AT_ONCE]) <= crop_m for i in parts] or [np.zeros(0, bool)]
-    )
 
 
 def skin_coloured(cloud: PointCloud, skin: SkinEllipse) -> Array[N]:
@@ -257,7 +305,7 @@ def nearest_part(
     points: Floats[N, D3],
     centres: Floats[C, D3],
     front_m: float | None = None,
-    hand_distance: HandDistance | None = None,
+    hand: HandRegion | None = None,
 ) -> Array[N]:
     """Return which points belong to the part nearest to a camera at `centres`; of a hand known
     beforehand, to the part that has most points about it, and to those nearer.
@@ -272,8 +320,8 @@ def nearest_part(
     """
     distance = np.min([np.linalg.norm(points - centre, axis=1) for centre in centres], axis=0)
     about = np.zeros(len(points), bool)
-    if hand_distance is not None:
-        about[::_LOOKED] = hand_distance(points[::_LOOKED]) < _LINK_M
+    if hand is not None:
+        about[::_LOOKED] = hand.near(points[::_LOOKED], _LINK_M)
     inside, nearest = _nearest(points, distance, _LEAST_SHARE * len(points), about)
     if front_m is None:
         return inside
@@ -285,14 +333,24 @@ def nearest_part(
 
 
 def thinned(points: Floats[N, D3], voxel_m: float, per_voxel: int = 1, seed: int = 0) -> Array[N]:
-    """Return which points stay when each cell of side voxel_m keeps per_voxel random ones."""
+    """Return which points stay when each cell of side voxel_m keeps per_voxel random ones: the same ones, whatever is in other
+    cells."""
     from handtrack.capture.clouds.cell_kernels import number_cells  # the page does without Numba
 
-    order = np.random.default_rng(seed).permutation(len(points))
+    order = np.argsort(_lots(points, seed))
     _, before = number_cells(cell_numbers(points, voxel_m)[order])
     keep = np.zeros(len(points), bool)
     keep[order[before < per_voxel]] = True
     return keep
+
+
+def _lots(points: Floats, seed: int) -> Ints:
+    """Return numbers (N,) as good as random that follow from each point's place and the seed alone."""
+    lots = np.ascontiguousarray(points, float).view(np.uint64) @ _MIXERS
+    lots += np.random.default_rng(seed).integers(2**64, dtype=np.uint64)
+    for mixer in _MIXERS[:2]:
+        lots = (lots ^ (lots >> np.uint64(32))) * mixer
+    return lots
 
 
 def random_part(count: int, most: int, seed: int = 0) -> Array[N]:

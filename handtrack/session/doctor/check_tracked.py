@@ -16,13 +16,13 @@ from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun, samples
 from handtrack.session.session import Session
+from handtrack.session.sources.clouds import hand_region
 from handtrack.session.takes import foreign_result, foreign_takes
 from handtrack.store.store import Store
 from handtrack.tracking.frame.confidence import hand_words, odd_size
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.other_side import other_side_log_odds
 from handtrack.tracking.size.camera_consistency import CameraInconsistency, camera_inconsistencies
 
@@ -133,7 +133,7 @@ def wrong_side_warning(
     def posed() -> Iterator[tuple[Observation, Floats[P]]]:
         for frame in (frames[row] for row in rows):
             params = model.solver_params(tracked[frame])
-            near = hand_distance(model, model.bones(params))
+            near = hand_region(model, model.bones(params))
             used = settings.silhouettes.weight > 0, settings.cloud.weight > 0
             yield session.observation(frame, *used, near), params
 

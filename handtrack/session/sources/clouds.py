@@ -12,12 +12,16 @@ import numpy as np
 
 from handtrack.arrays import D3, C, Floats, K
 from handtrack.capture.clouds.cloud_files import read_cloud
+from handtrack.capture.clouds.cloud_filters import HandRegion
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.point_cloud import PointCloud, merged
 from handtrack.capture.clouds.stereo import StereoMatcher, StereoSettings, check_pair
 from handtrack.capture.images.frames import FrameNotes
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.session.session_file import SessionFile
 from handtrack.session.sources.views import View
 
@@ -163,3 +167,14 @@ def cloud_source(
             told,
         )
     return _files(files, rig, file.session.world_unit_m)
+
+
+def hand_region(model: ArticulatedModel, bones: BonePoses) -> HandRegion:
+    """Return where the hand posed by `bones` is."""
+    surface = MetaballSurface.of(model)
+    ellipsoids = surface.ellipsoids.posed(bones)
+    merged = (
+        np.log(len(ellipsoids.radii)) / surface.sharpness
+    )  # by so much all of them together move the surface outwards
+    balls = np.column_stack([ellipsoids.centre, ellipsoids.radii.max(axis=1) + merged])
+    return HandRegion(balls, lambda points: surface.distance(bones, points))

@@ -476,8 +476,10 @@ _OBSERVATION_BYTES_KEPT = 400_000_000
 """of all observations: the estimate of all frames reads each about five times"""
 _MASK_BYTES_KEPT = 50_000_000
 """of one camera's computed masks, which clouds and the page read beside observations"""
-_POINTS_KEPT = 12_000_000
-"""of all clouds before filtering, 300 MB: the estimate of all frames reads each about six times"""
+_POINTS_KEPT = 9_000_000
+"""of what clouds have around hands, 240 MB: the estimate of all frames reads each about six times"""
+_WHOLE_POINTS_KEPT = 3_000_000
+"""of all clouds before filtering"""
 
 
 @array_dataclass
@@ -521,10 +523,14 @@ def most_masks(mask: CroppedMask | None) -> int:
     return _MASK_BYTES_KEPT // max(mask.nbytes if mask else 0, 1000)
 
 
-def most_clouds(cloud: PointCloud | None) -> int:
-    """Return how many clouds like one are kept."""
-    size = 1 if cloud is None else max(len(cloud), 1)
-    return max(_POINTS_KEPT // size, 1)
+def most_clouds(cloud: PointCloud) -> int:
+    """Return how many parts of clouds like one, around a hand, are kept."""
+    return _POINTS_KEPT // max(len(cloud), 100)
+
+
+def most_whole_clouds(cloud: PointCloud | None) -> int:
+    """Return how many clouds like one, before filtering, are kept."""
+    return max(_WHOLE_POINTS_KEPT // max(len(cloud or ()), 1000), 2)
 
 
 Kept = tuple[Observation, list[tuple[Camera, CroppedMask, Ints[H, D2], float]]]

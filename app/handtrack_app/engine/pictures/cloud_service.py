@@ -10,7 +10,6 @@ import numpy as np
 from handtrack.arrays import Array, Bytes, Floats
 from handtrack.capture.clouds.cloud_filters import (
     FilterReport,
-    near_hand,
     random_part,
 )
 from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
@@ -22,9 +21,9 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.session_file import CloudSettings
 from handtrack.session.session_state import decide
+from handtrack.session.sources.clouds import hand_region
 from handtrack.session.sources.skin_samples import painted_skin
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
-from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack_app.engine.document import Document, Moment
 from handtrack_app.engine.document_snapshots import cloud_card
 from handtrack_app.engine.pictures.camera_pictures import (
@@ -173,8 +172,8 @@ class CloudRenderer:
         crop, near = None, b""
         # which points are near: the same ones, wherever the hand moves among them
         if moment.previous is not None and filters.crop_m is not None:
-            crop = hand_distance(moment.run.model, moment.previous)
-            near = near_hand(measured.points, crop, filters.crop_m).tobytes()
+            crop = hand_region(moment.run.model, moment.previous)
+            near = crop.near(measured.points, filters.crop_m).tobytes()
         key = (id(measured), filters, near)
         if self._known is None or self._known[0] != key:
             fate, reports = filters.dropped_by(measured, crop, session.cloud_camera_centres)
