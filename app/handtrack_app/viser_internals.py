@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import aclosing
 from typing import TYPE_CHECKING, Any
+from weakref import WeakValueDictionary
 
 import viser
 from viser import _messages as messages
@@ -126,7 +127,8 @@ def send_whole(server: viser.ViserServer) -> None:
     long as that block took. And what a new page alone was told could come before the scene as all see it, which then undid it.
     """
     shared = server._websock_server
-    new: dict[int, AsyncMessageBuffer] = {}
+    new = WeakValueDictionary[int, "AsyncMessageBuffer"]()
+    """of pages that have nothing of the scene yet, and have not left"""
 
     def greet(connection: WebsockClientConnection) -> None:
         new[connection.client_id] = own = connection.get_message_buffer()
