@@ -169,6 +169,19 @@ def linearize_pose(tree, params):  # pragma: no cover - compiled
 
 
 @compiled
+def carry(frames, bone, local, normal, places, normals):  # pragma: no cover - compiled
+    """Fill places and normals (V, 3), world, of points and normals (V, 3) in the frames of their bones (V,)."""
+    rotation, position, _ = frames
+    for v in range(bone.shape[0]):
+        b = bone[v]
+        for i in range(3):
+            r0, r1, r2 = rotation[b, i, 0], rotation[b, i, 1], rotation[b, i, 2]
+            # in the order in which np.einsum sums three
+            places[v, i] = position[b, i] + (r0 * local[v, 0] + r2 * local[v, 2] + r1 * local[v, 1])
+            normals[v, i] = r0 * normal[v, 0] + r2 * normal[v, 2] + r1 * normal[v, 1]
+
+
+@compiled
 def scale_change_fields(changes, frames, scale_change, unknowns):  # pragma: no cover - compiled
     """Return (B, 12, K) of joints and of ellipsoids; see `SizeParameters.fields`.
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, F, Floats, Ints, T, V, array_dataclass
+from handtrack.arrays import D3, Array, F, Floats, Ints, T, V, array_dataclass, contiguous
 from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
+from handtrack.model.kinematics_kernels import carry
 
 
 @array_dataclass
@@ -24,8 +25,10 @@ class PartMesh:
 
     def carried(self, bones: BonePoses) -> tuple[Floats[V, D3], Floats[V, D3]]:
         """Return vertices [m] and their normals in the world."""
-        turned = np.einsum("vij,vj->vi", bones.rotation[self.bone], self.normal)
-        return bones.to_world(self.bone, self.local), turned
+        places, normals = np.empty((2, *self.local.shape))
+        local, normal = contiguous(bones.rescaled(self.bone, self.local), self.normal)
+        carry(bones.frames, self.bone, local, normal, places, normals)
+        return places, normals
 
     def subset(self, keep: Array[V]) -> PartMesh:
         """Return only the faces of which all vertices are kept. keep: booleans."""
