@@ -1,9 +1,9 @@
 """Refit what frames say of themselves: python -m tests.experiments.honesty.confidence RECORDINGS TRACKS HALF…
 
 RECORDINGS: what `python -m tests.experiments.honesty.recordings` wrote. TRACKS: gets what was tracked of each, with all that a judgement
-goes by; what is there already is not tracked again. HALF: of which. Prints the numbers for
-`handtrack/tracking/frame/confidence.py`, fitted to `tune` and `seen`, what they say of recordings they were not fitted to, and what those
-that are there now say of each half; with --json nothing but the last. `tune/two_videos`, README's session with the sample's truth beside it,
+goes by; what is there already is not tracked again, though its paths were weighed by the ELSEWHERE of then. HALF: of which. Prints the
+numbers for `handtrack/tracking/frame/confidence.py`, fitted to these halves (`tune` and `seen`), and what such say of recordings they were
+not fitted to; with --json what those that are there now say of each half. `tune/two_videos`, README's session with the sample's truth beside it,
 has a real detector's joints; it counts as much as all made ones where regions are fitted, and for nothing else.
 """
 
@@ -14,9 +14,9 @@ import pickle
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from scipy.optimize import minimize
@@ -104,16 +104,13 @@ def tracked(session: Path) -> dict[str, Any]:
         )  # fmt: skip
         return found
 
-    confidence.calibrated_covariance, recording_estimate.frame_confidence = stated, judged
-    try:
+    with (
+        patch.object(confidence, "calibrated_covariance", stated),
+        patch.object(recording_estimate, "frame_confidence", judged),
+    ):
         run = TrackingRun.open(Session.open(session))
         start, pose = run.initial()
         track = run.result(run.track(run.session.frame_range, start, pose))
-    finally:
-        confidence.calibrated_covariance, recording_estimate.frame_confidence = (
-            usual,
-            judged_as_usual,
-        )
     truth = np.load(session / TRUTH_FILE)["keypoints21"][track.frame]
     return {"track": track, "truth": truth, "frames": frames}
 
@@ -194,12 +191,13 @@ class Half:
 
     def said(self) -> tuple[Floats[F], Floats]:
         """Return how probably each frame is wrong, and each part (F, 6), by the figures as they are."""
+        odds = [
+            logit(np.append(*failure_probabilities(one.model, stated, signs_of(one))[:2]))  # pyright: ignore[reportArgumentType]
+            for one, stated in zip(self.frames, self.covariance(), strict=True)
+            if one is not None
+        ]
         said = np.ones((len(self.frames), 1 + len(PARTS)))
-        for n, (one, stated) in enumerate(zip(self.frames, self.covariance(), strict=True)):
-            if one is not None:
-                off, parts, _ = failure_probabilities(one.model, stated, signs_of(one))  # pyright: ignore[reportArgumentType]
-                odds = logit(np.append(off, parts))
-                said[n] = expit(odds + confidence.ELSEWHERE * self.elsewhere[n])
+        said[self.known] = expit(np.array(odds) + confidence.ELSEWHERE * self.elsewhere[self.known])  # fmt: skip
         return said[:, 0], said[:, 1:]
 
     @property
@@ -287,20 +285,12 @@ def shares(half: Half, chance: Floats[F]) -> dict[str, float]:
         "low_confidence": float(low.mean()),
         "recall": float(low[wrong].mean()),
         "precision": float(wrong[low].mean()),
+        "log_loss": float(
+            -np.log(np.clip(np.where(wrong, chance, 1.0 - chance), 1e-4, 1.0)).mean()
+        ),
         "coverage90": float(inside[known].mean()),
         "coverage90_fists": float(inside[half.fist].mean()),
     }
-
-
-def table(half: Half, said: Floats[F]) -> str:
-    """Return in words how true it is what the figures say of a half."""
-    chance, wrong = said[half.known], half.wrong[half.known]
-    lines = [f"{len(half.frames)} frames, " + ", ".join(f"{name} {v:.3f}" for name, v in shares(half, said).items())]  # fmt: skip
-    for a, b in pairwise((0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.01)):
-        row = (chance >= a) & (chance < b)
-        if row.any():
-            lines.append(f"  from {a}: {wrong[row].mean():.2f} of {row.sum()}")
-    return "\n".join(lines)
 
 
 def main() -> None:
@@ -314,20 +304,14 @@ def main() -> None:
             if not to.exists():
                 to.write_bytes(pickle.dumps(tracked(session)))
                 print(to, file=sys.stderr, flush=True)
-    halves = {half: Half.read(tracks / half) for half in chosen}
-    said = {half: read.said()[0] for half, read in halves.items()}
     if "--json" in sys.argv:
-        print(json.dumps({f"{half}_{name}": share for half, read in halves.items() for name, share in shares(read, said[half]).items()}))  # fmt: skip
+        halves = {half: Half.read(tracks / half) for half in chosen}
+        print(json.dumps({f"{half}_{name}": share for half, read in halves.items() for name, share in shares(read, read.said()[0]).items()}))  # fmt: skip
         return
-    for half, read in halves.items():
-        print(f"{half}, as it is: {table(read, said[half])}", flush=True)
-    known = [tracks / half for half in halves if half in ("tune", "seen")]
-    if not known:
-        return
-    every = Half.read(*known)
+    every = Half.read(*(tracks / half for half in chosen))
     others = held_out(every)
     fit(every)
-    print(f"by other recordings, but for regions: {table(every, others)}")
+    print("by other recordings, but for regions:", shares(every, others))
     for name in ("MASKS", "JOINTS", "ALWAYS", "SIGNS", "ELSEWHERE", "MOVED_UNKNOWN", "PART"):
         print(f"{name} = {getattr(confidence, name)}")
 

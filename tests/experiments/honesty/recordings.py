@@ -2,8 +2,8 @@
 
 DATA: a folder with `webxr_generic_hand`, `umetrack_generic_hand` and, for motions, `realsense_hand_pose`. MAKEHUMAN, LEAP: the git folders
 of copies of makehumancommunity/makehuman and leapmotion/leapjs-playback. OUT: gets a folder for each part of `HALVES`: figures are fitted to
-`tune` and `seen`; `fresh` and `apart`, other people, motions and noise, were each for one look, at the latter figures in the documentation
-were read.
+`tune` and `seen`; `fresh`, `apart` and `last`, other people, motions and noise, were each for one look, at the latter figures in the
+documentation were read.
 """
 
 from __future__ import annotations
@@ -162,6 +162,48 @@ HALVES = {
         4 webxr fist
         5 gaps makehuman5 letters
     """,
+    "last": """
+        2 joints unmasked makehuman3 letters
+        2 joints unmasked webxr fist
+        3 joints unmasked makehuman6 counts
+        2 joints unmasked umetrack pinches
+        2 joints ragged makehuman0 fist
+        2 joints makehuman5 pinch:0
+        3 joints late webxr letters
+        3 joints gaps umetrack curls
+        2 joints turned makehuman1 counts
+        2 ragged makehuman6 letters
+        2 gaps makehuman2 animbank_a:640
+        2 late webxr fist
+        3 sleeve makehuman3 turns
+        3 turned ragged umetrack curls
+        4 makehuman7 fist
+        5 gaps webxr letters
+        2 umetrack fist
+        2 makehuman1 letters
+        2 ragged webxr animbank_a:440
+        2 joints turned makehuman7 fist
+        2 joints unmasked makehuman1 fist
+        2 joints unmasked umetrack letters
+        3 joints unmasked makehuman7 pinches
+        2 joints unmasked makehuman0 counts
+        2 joints ragged webxr fist
+        2 joints makehuman6 confidence2:0
+        3 joints late makehuman2 letters
+        3 joints gaps makehuman5 counts
+        2 joints turned umetrack fist
+        2 ragged makehuman0 counts
+        2 gaps umetrack animbank_a:140
+        2 late makehuman3 fist
+        3 sleeve webxr letters
+        3 turned ragged makehuman4 fist
+        4 umetrack curls
+        5 gaps makehuman1 fist
+        2 webxr letters
+        2 makehuman7 fist
+        2 ragged makehuman5 fist
+        2 joints makehuman4 curls
+    """,
 }
 """of each recording cameras, faults, hand, and motion: of `motions.SHAPES`, or FILE:ROW of RealSense's or Leap Motion's. Faults: masks with
 ragged outlines; the second camera late; the last one turned; gaps, a fifth of the masks missing, and the second camera's before frame 10; a
@@ -195,7 +237,7 @@ def main() -> None:
         return hands[name] if recipe == name else base().hand(people()[int(recipe)])
 
     for half, rows in HALVES.items():
-        seed = "tune" if half == "tune" else "fresh"
+        seed = {"tune": "tune", "last": "third fresh"}.get(half, "fresh")
         for row in rows.strip().splitlines():
             cameras, *faults, name, motion = row.split()
             rng = np.random.default_rng(
