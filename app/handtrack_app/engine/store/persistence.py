@@ -69,31 +69,19 @@ class OpenTake:
     what: str = "Tracking"
     scale: HandScale | None = None
     """of the hand, where it is another than the document's"""
-    is_shown: bool = False
 
     def keep(self, result: FrameResult) -> None:
-        """Keep a frame, and those that could not be written before. Raises HandtrackError where they cannot now."""
+        """Keep a frame. Raises HandtrackError where it, or those before it, cannot be written now."""
         self.take_frames.put(result, None)
         if self.writer is not None:
             self.waiting[result.frame] = result
-            self._write_waiting(self.writer)
+            self.write_waiting(self.writer)
 
-    def _write_waiting(self, writer: TakeWriter) -> None:
+    def write_waiting(self, writer: TakeWriter) -> None:
+        """Write what could not be written before. Raises HandtrackError where it still cannot be."""
         for waiting in list(self.waiting.values()):
             self.take_frames.put(waiting, writer.replace(waiting))
             del self.waiting[waiting.frame]
-
-    def sync(self) -> None:
-        """Bring to disk what was kept. Raises HandtrackError."""
-        if self.writer is not None:
-            self.writer.sync()
-
-    def end(self, finished: bool) -> None:
-        """Say that no frame comes any more; finished: all of them did. Raises HandtrackError for what cannot be written."""
-        if self.writer is not None:
-            self._write_waiting(self.writer)
-            if finished:
-                self.writer.finish()
 
 
 def restored_message(document: Document) -> str:
@@ -379,21 +367,22 @@ class Persistence:
             return False
         if self.document.is_locked(result.frame) and result.frame not in take.take_frames:
             return True  # accepted while tracking ran
+        is_first = not take.take_frames
         try:
             take.keep(result)
         except HandtrackError:
             if len(take.waiting) == 1:  # else that was told
                 raise
         finally:
-            if not take.is_shown:
-                take.is_shown = True
+            if is_first:
                 self._show(take)
         return True
 
     def _show(self, take: OpenTake) -> None:
         """Lay a take over the others."""
-        with suppress(HandtrackError):
-            take.sync()  # its first frame is to be safe before anybody is told of it
+        if take.writer is not None:
+            with suppress(HandtrackError):
+                take.writer.sync()  # its first frame is to be safe before anybody is told of it
         document, span = self.document, Span(take.number, take.frames.start, take.frames.stop)
         under = resolved(document.state.spans, document.takes.frames_of)
         laid = [decide(spans=(*under, span))]
@@ -417,7 +406,10 @@ class Persistence:
             return
         try:
             self.flush()
-            take.end(finished)
+            if take.writer is not None:
+                take.write_waiting(take.writer)
+                if finished:
+                    take.writer.finish()
         except HandtrackError as error:
             raise HandtrackError(
                 f"{error} What was tracked stays as long as the workbench is open: save the track once there is room."
