@@ -173,8 +173,7 @@ def hand_region(model: ArticulatedModel, bones: BonePoses) -> HandRegion:
     """Return where the hand posed by `bones` is."""
     surface = MetaballSurface.of(model)
     ellipsoids = surface.ellipsoids.posed(bones)
-    merged = (
-        np.log(len(ellipsoids.radii)) / surface.sharpness
-    )  # by so much all of them together move the surface outwards
+    # merging moves the surface outwards by no more than this
+    merged = np.log(len(ellipsoids.radii)) / surface.sharpness
     balls = np.column_stack([ellipsoids.centre, ellipsoids.radii.max(axis=1) + merged])
     return HandRegion(balls, lambda points: surface.distance(bones, points))
