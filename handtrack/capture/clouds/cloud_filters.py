@@ -253,13 +253,13 @@ class CloudFilters:
             yield "component", text, lambda c: nearest_part(c.points, centres, front, hand)
         if part != "all":  # parts are told by their share of what cameras measured
             yield from self._thinning()
-        if most is not None:
-            text = f"at most {most}, at random"
-            yield "most", text, lambda c: random_part(len(c), most, self.seed)
         if neighbours is not None:
             ratio = self.outlier_ratio
             text = f"mean distance to {neighbours} neighbours below {ratio:g} times the usual"
             yield "outliers", text, lambda c: inliers(c.points, neighbours, ratio, self.seed)
+        if most is not None:
+            text = f"at most {most}, at random"
+            yield "most", text, lambda c: random_part(len(c), most, self.seed)
 
     def _thinning(self) -> Iterator[_Step]:
         voxel = self.voxel_m
