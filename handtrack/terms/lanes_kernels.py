@@ -59,6 +59,10 @@ class Eight:
     def __add__(self, other):
         return Eight(self.builder, self.builder.fadd(self.value, self._lift(other), flags=_FUSE))
 
+    def plus(self, other):
+        """Return the sum, rounded as scalar code does: products are not fused with it."""
+        return Eight(self.builder, self.builder.fadd(self.value, other.value))
+
     def __sub__(self, other):
         return Eight(self.builder, self.builder.fsub(self.value, self._lift(other), flags=_FUSE))
 
@@ -204,6 +208,9 @@ class Code:
     def eight(self, numbers, kind=DOUBLES):
         """Return eight constants."""
         return Eight(self.builder, ir.Constant(kind, numbers))
+
+    def long(self, number):
+        return ir.Constant(LONG, number)
 
     def times(self, a, b):
         return self.builder.mul(a, b if not isinstance(b, int) else ir.Constant(LONG, b))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.compiled import compiled, inlined
+from handtrack.compiled import compiled_as_numpy, inlined
 
 ORIGIN_U, ORIGIN_V, CENTRE_U, CENTRE_V, S11, S12, S22, GAMMA, SCALE = range(9)
 """Columns of `ellipses`: origin [px]; centre from there [px]; shape S: (x − m)ᵀ S⁻¹ (x − m) = 1 is the outline [px²];
@@ -17,24 +17,35 @@ FIELD = 13
 """numbers that move and deform an ellipsoid: v, G (row by row), and by how much its outline is farther out [m]"""
 
 
-@compiled
+@inlined
+def room():  # pragma: no cover - compiled
+    """Return room for what `_to_image` fills."""
+    return np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+
+
+@compiled_as_numpy
 def project(
-    projection, width, height, centre, shape, levels, depth_scaled, ellipses
+    projection, size, centre, shape, levels, depth_scaled, ellipses
 ):  # pragma: no cover - compiled
-    """Fill ellipses (E, 9). Skipped (scale 0): ellipsoids that reach the camera's plane, or have no breadth."""
-    g = np.empty((3, 3))
-    d = np.empty((3, 3))  # D Gᵀ
-    p = np.empty(3)
+    """Fill ellipses (E, 9). Skipped (scale 0): ellipsoids that reach the camera's plane, or have no breadth.
+
+    Parameters
+    ----------
+    size
+        Width, height [px].
+    """
+    (width, height), image = size, room()
+    g, d, p = image
     for e in range(centre.shape[0]):
         ellipses[e, SCALE] = 0.0
-        _to_image(projection, 0.0, 0.0, centre[e], shape[e], g, p, d)
+        _to_image(projection, 0.0, 0.0, centre, shape, e, image)
         gamma = _dual(g, d, p, 2, 2)
         if not (p[2] > 0.0 and gamma < -1e-6 * p[2] * p[2]):
             continue
         u, v = _dual(g, d, p, 0, 2) / gamma, _dual(g, d, p, 1, 2) / gamma
         u0 = np.rint(min(max(u, 0.0), width - 1.0))
         v0 = np.rint(min(max(v, 0.0), height - 1.0))
-        _to_image(projection, u0, v0, centre[e], shape[e], g, p, d)
+        _to_image(projection, u0, v0, centre, shape, e, image)
         mu, mv = u - u0, v - v0
         s11 = mu * mu - _dual(g, d, p, 0, 0) / gamma
         s12 = mu * mv - _dual(g, d, p, 0, 1) / gamma
@@ -54,9 +65,10 @@ def _dual(g, d, p, i, j):  # pragma: no cover - compiled
     return g[i, 0] * d[0, j] + g[i, 1] * d[1, j] + g[i, 2] * d[2, j] - p[i] * p[j]
 
 
-@compiled
-def _to_image(projection, u0, v0, centre, shape, g, p, d):  # pragma: no cover - compiled
-    """Fill G (3, 3), p = G c + h (3,) and D Gᵀ (3, 3), pixels counted from (u0, v0)."""
+@inlined
+def _to_image(projection, u0, v0, centre, shape, e, image):  # pragma: no cover - compiled
+    """Fill image: G (3, 3), D Gᵀ (3, 3) and p = G c + h (3,) of an ellipsoid, pixels counted from (u0, v0)."""
+    g, d, p = image
     p[2] = projection[2, 3]
     p[0] = projection[0, 3] - u0 * p[2]
     p[1] = projection[1, 3] - v0 * p[2]
@@ -65,17 +77,17 @@ def _to_image(projection, u0, v0, centre, shape, g, p, d):  # pragma: no cover -
         g[0, j] = projection[0, j] - u0 * g[2, j]
         g[1, j] = projection[1, j] - v0 * g[2, j]
         for i in range(3):
-            p[i] += g[i, j] * centre[j]
+            p[i] += g[i, j] * centre[e, j]
     for i in range(3):
         for j in range(3):
-            d[i, j] = shape[i, 0] * g[j, 0] + shape[i, 1] * g[j, 1] + shape[i, 2] * g[j, 2]
+            d[i, j] = shape[e, i, 0] * g[j, 0] + shape[e, i, 1] * g[j, 1] + shape[e, i, 2] * g[j, 2]
 
 
 @inlined
-def _outline(ellipse):  # pragma: no cover - compiled
+def _outline(ellipses, e):  # pragma: no cover - compiled
     """Return an ellipse's middle m, shape S, Q = S⁻¹ and Q m."""
-    mu, mv = ellipse[CENTRE_U], ellipse[CENTRE_V]
-    s11, s12, s22 = ellipse[S11], ellipse[S12], ellipse[S22]
+    mu, mv = ellipses[e, CENTRE_U], ellipses[e, CENTRE_V]
+    s11, s12, s22 = ellipses[e, S11], ellipses[e, S12], ellipses[e, S22]
     determinant = s11 * s22 - s12 * s12
     q11, q12, q22 = s22 / determinant, -s12 / determinant, s11 / determinant
     return (mu, mv), (s11, s12, s22), (q11, q12, q22), (q11 * mu + q12 * mv, q12 * mu + q22 * mv)
@@ -98,20 +110,18 @@ def _change(outline, d11, d12, d22, towards):  # pragma: no cover - compiled
     return dq11, dq12, dq22, dk1, dk2, dk1 * mu + dk2 * mv + k1 * du + k2 * dv
 
 
-@compiled
-def conic_of(ellipse, outer, c):  # pragma: no cover - compiled
+@compiled_as_numpy
+def conic_of(ellipses, e, outer, c):  # pragma: no cover - compiled
     """Fill c (6,), the field's numbers for (x², 2xy, y², 2x, 2y, 1): scale · (normalised conic − outer)."""
-    (mu, mv), _, (q11, q12, q22), (k1, k2) = _outline(ellipse)
-    s = ellipse[SCALE]
+    (mu, mv), _, (q11, q12, q22), (k1, k2) = _outline(ellipses, e)
+    s = ellipses[e, SCALE]
     c[0], c[1], c[2] = s * q11, s * q12, s * q22
     c[3], c[4] = -s * k1, -s * k2
     c[5] = s * (mu * k1 + mv * k2 - 1.0 - outer)
 
 
-@compiled
-def conic_by_twist(
-    projection, centre, shape, reference, ellipse, outer, depth_scaled, work
-):  # pragma: no cover
+@compiled_as_numpy
+def conic_by_twist(field, shapes, ellipses, e, image, work):  # pragma: no cover - compiled
     """Fill work[72:120], seen as (6, 8), with the derivative of `conic_of` by (v, ω), and two zeros
     a row.
 
@@ -120,12 +130,18 @@ def conic_by_twist(
 
     Parameters
     ----------
+    shapes
+        Centres (E, 3) and R diag(r²) Rᵀ (E, 3, 3) of ellipsoids, and what twists are about.
+    image
+        `room`.
     work
-        (176,), zeros at first.
+        (168,), zeros at first.
     """
-    g, d, p = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    _to_image(projection, ellipse[ORIGIN_U], ellipse[ORIGIN_V], centre, shape, g, p, d)
-    r0, r1, r2 = centre[0] - reference[0], centre[1] - reference[1], centre[2] - reference[2]
+    (centre, shape, reference), (g, d, p) = shapes, image
+    origin_u, origin_v = ellipses[e, ORIGIN_U], ellipses[e, ORIGIN_V]
+    _to_image(field.projection, origin_u, origin_v, centre, shape, e, image)
+    r0, r1 = centre[e, 0] - reference[0], centre[e, 1] - reference[1]
+    r2 = centre[e, 2] - reference[2]
     for i in range(3):  # dp_i
         work[8 * i + 0], work[8 * i + 1], work[8 * i + 2] = g[i, 0], g[i, 1], g[i, 2]
         work[8 * i + 3] = r1 * g[i, 2] - r2 * g[i, 1]
@@ -144,12 +160,12 @@ def conic_by_twist(
                 d[0, j] * g[i, 1] - d[1, j] * g[i, 0] + d[0, i] * g[j, 1] - d[1, i] * g[j, 0]
             )
             at += 8
-    outline, inverse, s = _outline(ellipse), 1.0 / ellipse[GAMMA], ellipse[SCALE]
+    outline, inverse, s = _outline(ellipses, e), 1.0 / ellipses[e, GAMMA], ellipses[e, SCALE]
     (mu, mv), _, (q11, q12, q22), (k1, k2) = outline
-    level = mu * k1 + mv * k2 - 1.0
+    outer, level = field.levels[e, 0], mu * k1 + mv * k2 - 1.0
     p0, p1, p2 = p[0], p[1], p[2]
     # the factor is −1/γ in the paper's scale, and constant else
-    ds_by_d33 = -s if depth_scaled else 0.0
+    ds_by_d33 = -s if field.depth_scaled else 0.0
     for t in range(8):
         j0, j1, j2 = work[t], work[8 + t], work[16 + t]
         d11 = (work[24 + t] - 2.0 * j0 * p0) * inverse
@@ -168,25 +184,28 @@ def conic_by_twist(
         work[112 + t] = s * dlevel + ds * (level - outer)
 
 
-@compiled
+@compiled_as_numpy
 def conic_by_field(
-    projection, centre, shapes, reference, ellipse, conic, depth_scaled
+    field, shapes, ellipses, e, image, stretched, conic
 ):  # pragma: no cover - compiled
     """Return the derivative of `conic_of` by FIELD numbers (6, FIELD).
     docs/explanation/silhouettes.md
 
     Parameters
     ----------
-    shapes
-        R diag(r²) Rᵀ of the ellipsoid, and the same with r times its own radii, and with r; where
+    shapes, image
+        As in `conic_by_twist`.
+    stretched
+        R diag(r²) Rᵀ of the ellipsoid with r times its own radii, and with r; where
         it is turned by the antisymmetric part of G, and stretched by the symmetric one.
     conic
         Its own numbers, see `conic_of`.
     """
-    shape, own, wide = shapes
-    g, d, p, by = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((6, FIELD))
-    _to_image(projection, ellipse[ORIGIN_U], ellipse[ORIGIN_V], centre, shape, g, p, d)
-    outline, inverse, s = _outline(ellipse), 1.0 / ellipse[GAMMA], ellipse[SCALE]
+    (centres, all_shapes, reference), (own, wide), (g, _, p) = shapes, stretched, image
+    centre, shape, by = centres[e], all_shapes[e], np.empty((6, FIELD))
+    origin_u, origin_v = ellipses[e, ORIGIN_U], ellipses[e, ORIGIN_V]
+    _to_image(field.projection, origin_u, origin_v, centres, all_shapes, e, image)
+    outline, inverse, s = _outline(ellipses, e), 1.0 / ellipses[e, GAMMA], ellipses[e, SCALE]
     moved, half, dp, dual = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     for t in range(FIELD):
         for a in range(3):  # d centre; half of d shape, without its transpose
@@ -215,7 +234,7 @@ def conic_by_field(
         for i in range(3):
             by[i, t] = s * change[i]
         by[3, t], by[4, t], by[5, t] = -s * change[3], -s * change[4], s * change[5]
-        if depth_scaled:  # the factor is −1/γ then
+        if field.depth_scaled:  # the factor is −1/γ then
             for i in range(6):
                 by[i, t] -= conic[i] * dual[2, 2]
     return by

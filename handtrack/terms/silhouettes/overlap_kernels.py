@@ -33,7 +33,7 @@ def overlap_areas(
     centres, shapes = np.empty((count, 3)), np.empty((count, 3, 3))
     posed_shapes(frames, ellipsoids, centres, shapes)
     ellipses, levels = np.zeros((count, ELLIPSE)), np.ones((count, 2))
-    project(projection, width, height, centres, shapes, levels, False, ellipses)
+    project(projection, (width, height), centres, shapes, levels, False, ellipses)
     lines, rows, wanted = np.empty((count, 5)), np.zeros((count, 2), np.int64), members.copy()
     top, bottom, kept = height, 0, 0
     for n in range(members.shape[0]):

@@ -12,15 +12,18 @@ A field of an ellipse is a quadratic q(u, v), −1 at its centre, 0 on its outli
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
+from numba.core import types
 
 from handtrack.arrays import D2, D3, D4, E, Floats
-from handtrack.compiled import compiled, compiled_as_numpy
+from handtrack.compiled import compiled, compiled_as_numpy, inlined
 from handtrack.model.kinematics import Frames
 from handtrack.terms.bone_kernels import posed_shapes
 from handtrack.terms.bone_system import Sums
+from handtrack.terms.lanes_kernels import Eight, written
 from handtrack.terms.silhouettes.conic_kernels import (
     CENTRE_U,
     CENTRE_V,
@@ -36,6 +39,7 @@ from handtrack.terms.silhouettes.conic_kernels import (
     conic_by_twist,
     conic_of,
     project,
+    room,
 )
 from handtrack.terms.silhouettes.prepared_silhouette import MaskArrays
 from handtrack.terms.silhouettes.row_kernels import (
@@ -96,39 +100,41 @@ def silhouette_sums(
     """
     frames, sums = Frames(*frames), Sums(*sums)
     mask, field = MaskArrays(*mask), CameraField(*field)
-    (bone, _, turn, thick), levels = ellipsoids, field.levels
+    bone, _, turn, thick = ellipsoids
     count = bone.shape[0]
-    centre_world, shape_world = np.empty((count, 3)), np.empty((count, 3, 3))
-    posed_shapes(frames, ellipsoids, centre_world, shape_world)
+    centre, shape = np.empty((count, 3)), np.empty((count, 3, 3))
+    posed_shapes(frames, ellipsoids, centre, shape)
+    shapes, image = (centre, shape, frames.reference), room()
     ellipses, moments = np.zeros((count + 2, ELLIPSE)), np.zeros((count + 2, MOMENTS))
-    camera_moments(centre_world, shape_world, mask, field, ellipses, moments)
+    height, width = mask.valid.shape[0], (mask.powers.shape[0] - 1) // 2
+    project(
+        field.projection,
+        (width, height),
+        centre,
+        shape,
+        field.levels,
+        field.depth_scaled,
+        ellipses,
+    )
+    _sum_rows(ellipses, mask, field, moments)
     weight *= field.step
     core = count + 1
     cost = 0.5 * moments[core, 0] + moments[core, 16]
     m, z = np.zeros((6, 6)), np.zeros(6)
     c, mc = np.empty(6), np.empty(6)
-    work, own, wide = np.zeros(176), np.empty((3, 3)), np.empty((3, 3))
+    work, own, wide = np.zeros(168), np.empty((3, 3)), np.empty((3, 3))
     for e in range(count):
         if moments[e + 1, 0] == 0.0:
             continue
-        _unpack(moments[e + 1], m, z)
-        conic_of(ellipses[e], levels[e, 0], c)
+        _unpack(moments, e + 1, m, z)
+        conic_of(ellipses, e, field.levels[e, 0], c)
         for i in range(6):
             mc[i] = 0.0
             for j in range(6):
                 mc[i] += m[i, j] * c[j]
             cost += c[i] * (0.5 * mc[i] - z[i])
         if sums.width == 6:
-            conic_by_twist(
-                field.projection,
-                centre_world[e],
-                shape_world[e],
-                frames.reference,
-                ellipses[e],
-                levels[e, 0],
-                field.depth_scaled,
-                work,
-            )
+            conic_by_twist(field, shapes, ellipses, e, image, work)
             _add_block(work, m, mc, z, weight, 6 * bone[e], sums)
         elif sums.width == FIELD:
             _fill_shapes(
@@ -139,36 +145,9 @@ def silhouette_sums(
                 own,
                 wide,
             )
-            by = conic_by_field(
-                field.projection,
-                centre_world[e],
-                (shape_world[e], own, wide),
-                frames.reference,
-                ellipses[e],
-                c,
-                field.depth_scaled,
-            )
+            by = conic_by_field(field, shapes, ellipses, e, image, (own, wide), c)
             _add_field(by, m, mc, z, weight, bone[e], sums)
     return weight * cost
-
-
-@compiled
-def camera_moments(
-    centre_world, shape_world, mask, field, ellipses, moments
-):  # pragma: no cover - compiled
-    """Fill ellipses (E + 2, ELLIPSE) and moments (E + 2, MOMENTS), zeros at first, of ellipsoids in one camera."""
-    height, width = mask.valid.shape[0], (mask.powers.shape[0] - 1) // 2
-    project(
-        field.projection,
-        width,
-        height,
-        centre_world,
-        shape_world,
-        field.levels,
-        field.depth_scaled,
-        ellipses,
-    )
-    _sum_rows(ellipses, mask, field, moments)
 
 
 @compiled
@@ -179,31 +158,23 @@ def _sum_rows(ellipses, mask, field, moments):  # pragma: no cover - compiled
     edges, powers, heights = mask.edges, mask.powers, mask.heights
     count, height, width = levels.shape[0], valid.shape[0], (powers.shape[0] - 1) // 2
     looked_at = (height - step // 2 + step - 1) // step  # rows step // 2, step // 2 + step, …
-    lines = np.empty((count, LINE))
-    first, last, place = (
-        np.zeros(count, np.int64),
-        np.zeros(count, np.int64),
-        np.empty(count, np.int64),
-    )
+    lines, rows = np.empty((count, LINE)), np.zeros((count, 3), np.int64)
     newest, after = np.full(looked_at + 1, -1), np.empty(count, np.int64)  # who begins on a row
     room = 0
     for e in range(count):  # which of them each ellipse reaches
         if ellipses[e, SCALE] == 0.0:
             continue
-        _row_line(ellipses[e], levels[e, 0], lines[e])
+        _row_line(ellipses, levels, e, lines)
         reach = np.sqrt((1.0 + levels[e, 0]) * ellipses[e, S22])
         middle = lines[e, MIDDLE_V] - step // 2
-        first[e] = np.int64(min(max(np.ceil((middle - reach) / step), 0.0), float(looked_at)))
-        last[e] = np.int64(min(max(np.floor((middle + reach) / step) + 1.0, 0.0), float(looked_at)))
-        if first[e] < last[e]:
-            place[e] = room
-            room += (last[e] - first[e] + BLOCK - 1) // BLOCK * SPANS
-            after[e], newest[first[e]] = newest[first[e]], e
+        first = np.int64(min(max(np.ceil((middle - reach) / step), 0.0), float(looked_at)))
+        last = np.int64(min(max(np.floor((middle + reach) / step) + 1.0, 0.0), float(looked_at)))
+        if first < last:
+            rows[e, 0], rows[e, 1], rows[e, 2] = first, last, room
+            room += (last - first + BLOCK - 1) // BLOCK * SPANS
+            after[e], newest[first] = newest[first], e
     spans = np.empty(room)
-    for e in range(count):
-        if first[e] < last[e]:
-            top = float(step // 2 + step * first[e])
-            _fill_spans(lines[e], limit, top, step, last[e] - first[e], width, spans, place[e])
+    _fill_spans(lines, rows, limit, step, width, spans)
     origin_u, origin_v = np.full(count + 2, width), np.full(count + 2, height)  # as `moments`
     for e in range(count):
         origin_u[e + 1] -= np.int64(ellipses[e, ORIGIN_U])
@@ -230,13 +201,13 @@ def _sum_rows(ellipses, mask, field, moments):  # pragma: no cover - compiled
         low, high, n, found = end, begin, 0, 0
         while n < alive:
             e = active[n]
-            if row >= last[e]:
+            if row >= rows[e, 1]:
                 alive -= 1
                 active[n] = active[alive]
                 continue
             n += 1
-            below = row - first[e]
-            at = place[e] + below // BLOCK * SPANS + below % BLOCK
+            below = row - rows[e, 0]
+            at = rows[e, 2] + below // BLOCK * SPANS + below % BLOCK
             a, b = max(np.int64(spans[at + 16]), begin), min(np.int64(spans[at + 24]), end)
             if a >= b:
                 continue
@@ -269,47 +240,56 @@ def _sum_rows(ellipses, mask, field, moments):  # pragma: no cover - compiled
         move_sums(moments, sums, core, heights, v + height)
 
 
-@compiled
-def _row_line(ellipse, outer, line):  # pragma: no cover - compiled
+@inlined
+def _row_line(ellipses, levels, e, lines):  # pragma: no cover - compiled
     """Fill what an ellipse's span on a row needs: all divisions, once for all rows."""
-    s11, s12, s22, s = ellipse[S11], ellipse[S12], ellipse[S22], ellipse[SCALE]
-    across = (s11 * s22 - s12 * s12) / s22
-    line[MIDDLE_U] = ellipse[ORIGIN_U] + ellipse[CENTRE_U]
-    line[MIDDLE_V] = ellipse[ORIGIN_V] + ellipse[CENTRE_V]
-    line[SLANT], line[ACROSS], line[DOWN] = s12 / s22, across, 1.0 / s22
-    line[ROOM], line[FACTOR], line[BEND] = 1.0 + outer, s, s / across
+    s11, s12, s22 = ellipses[e, S11], ellipses[e, S12], ellipses[e, S22]
+    s, across = ellipses[e, SCALE], (s11 * s22 - s12 * s12) / s22
+    lines[e, MIDDLE_U] = ellipses[e, ORIGIN_U] + ellipses[e, CENTRE_U]
+    lines[e, MIDDLE_V] = ellipses[e, ORIGIN_V] + ellipses[e, CENTRE_V]
+    lines[e, SLANT], lines[e, ACROSS], lines[e, DOWN] = s12 / s22, across, 1.0 / s22
+    lines[e, ROOM], lines[e, FACTOR], lines[e, BEND] = 1.0 + levels[e, 0], s, s / across
 
 
 @compiled_as_numpy
-def _fill_spans(line, limit, top, step, rows, width, spans, at):  # pragma: no cover - compiled
-    """Fill spans[at:] for rows top, top + step, …, eight at a time: middle, value there, columns [begin, end) of the span,
+def _fill_spans(lines, rows, limit, step, width, spans):  # pragma: no cover - compiled
+    """Fill spans for the rows of each ellipse, eight at a time: middle, value there, columns [begin, end) of the span,
     and of what is surely saturated of it.
+
+    Parameters
+    ----------
+    rows
+        (E, 3), of each ellipse: its first row of those looked at, the first that is not its own any more, its place in spans.
     """
-    middle_u, middle_v, slant, across = line[MIDDLE_U], line[MIDDLE_V], line[SLANT], line[ACROSS]
-    down, most, factor = line[DOWN], line[ROOM], line[FACTOR]
-    spared, right = limit / factor, float(width)
-    out = np.empty(SPANS)  # of its own: only so can LLVM see that nothing overlaps
-    for group in range((rows + BLOCK - 1) // BLOCK):
-        for i in range(BLOCK):
-            dy = top + step * float(BLOCK * group + i) - middle_v
-            room = most - dy * dy * down
-            half = np.sqrt(max(room, 0.0) * across)
-            core = np.sqrt(max(room - spared, 0.0) * across)
-            core -= _SURELY * (1.0 + core)
-            middle = middle_u + slant * dy
-            out[i], out[8 + i] = middle, factor * room
-            out[16 + i] = min(max(np.ceil(middle - half), 0.0), right)
-            out[24 + i] = min(max(np.floor(middle + half) + 1.0, 0.0), right)
-            out[32 + i] = min(max(np.ceil(middle - core), 0.0), right)
-            out[40 + i] = min(max(np.floor(middle + core) + 1.0, 0.0), right)
-        for i in range(SPANS):
-            spans[at + i] = out[i]
-        at += SPANS
+    right, out = float(width), np.empty(SPANS)  # of its own: so LLVM sees that nothing overlaps
+    for e in range(rows.shape[0]):
+        middle_u, middle_v, slant = lines[e, MIDDLE_U], lines[e, MIDDLE_V], lines[e, SLANT]
+        across, down, most = lines[e, ACROSS], lines[e, DOWN], lines[e, ROOM]
+        factor, at = lines[e, FACTOR], rows[e, 2]
+        spared = limit / factor
+        for row in range(rows[e, 0], rows[e, 1], BLOCK):
+            top = float(step // 2 + step * row)
+            for i in range(BLOCK):
+                dy = top + step * float(i) - middle_v
+                room = most - dy * dy * down
+                half = np.sqrt(max(room, 0.0) * across)
+                core = np.sqrt(max(room - spared, 0.0) * across)
+                core -= _SURELY * (1.0 + core)
+                middle = middle_u + slant * dy
+                out[i], out[8 + i] = middle, factor * room
+                out[16 + i] = min(max(np.ceil(middle - half), 0.0), right)
+                out[24 + i] = min(max(np.floor(middle + half) + 1.0, 0.0), right)
+                out[32 + i] = min(max(np.ceil(middle - core), 0.0), right)
+                out[40 + i] = min(max(np.floor(middle + core) + 1.0, 0.0), right)
+            for i in range(SPANS):
+                spans[at + i] = out[i]
+            at += SPANS
 
 
 @compiled
-def _unpack(n, m, z):  # pragma: no cover - compiled
-    """Fill M (6, 6) = Σ mono monoᵀ and z (6,) = Σ Z mono from the sums."""
+def _unpack(moments, k, m, z):  # pragma: no cover - compiled
+    """Fill M (6, 6) = Σ mono monoᵀ and z (6,) = Σ Z mono from the sums of row k."""
+    n = moments[k]
     m[0, 0], m[0, 1], m[0, 2], m[0, 3], m[0, 4], m[0, 5] = (
         n[4],
         2 * n[8],
@@ -336,39 +316,31 @@ def _unpack(n, m, z):  # pragma: no cover - compiled
     z[3], z[4], z[5] = 2.0 * n[17], 2.0 * n[19], n[16]
 
 
+@written(types.void)
+def _fill_product(code, work, m, weight):
+    """Fill work[120:168] with Aᵀ weight M A, (6, 8); A: work[72:120], (6, 8). As exact as scalar code, without fused products."""
+    rows = [work.load(code.long(72 + 8 * i)) for i in range(6)]
+    scaled = code.splat(weight)
+    across = [
+        reduce(Eight.plus, (scaled * m.scalar(6 * i + j) * rows[j] for j in range(6)))
+        for i in range(6)
+    ]
+    for s in range(6):
+        column = (work.scalar(72 + 8 * k + s) * across[k] for k in range(6))
+        work.store(reduce(Eight.plus, column), code.long(120 + 8 * s))
+
+
 @compiled
 def _add_block(work, m, mc, z, weight, at, sums):  # pragma: no cover - compiled
-    """Add Aᵀ(M c − z) and Aᵀ M A at row `at`; A is work[72:120] as (6, 8), work[120:176] is free."""
-    for i in range(6):
-        m0, m1, m2 = weight * m[i, 0], weight * m[i, 1], weight * m[i, 2]
-        m3, m4, m5 = weight * m[i, 3], weight * m[i, 4], weight * m[i, 5]
-        for t in range(8):
-            work[120 + 8 * i + t] = (
-                m0 * work[72 + t]
-                + m1 * work[80 + t]
-                + m2 * work[88 + t]
-                + m3 * work[96 + t]
-                + m4 * work[104 + t]
-                + m5 * work[112 + t]
-            )
+    """Add Aᵀ(M c − z) and Aᵀ M A at row `at`; A is work[72:120] as (6, 8), work[120:168] is free."""
     for i in range(6):
         r = weight * (mc[i] - z[i])
         for t in range(6):
             sums.gradient[at + t] += r * work[72 + 8 * i + t]
+    _fill_product(work, m, weight)
     for s in range(6):
-        a0, a1, a2 = work[72 + s], work[80 + s], work[88 + s]
-        a3, a4, a5 = work[96 + s], work[104 + s], work[112 + s]
-        for t in range(8):
-            work[168 + t] = (
-                a0 * work[120 + t]
-                + a1 * work[128 + t]
-                + a2 * work[136 + t]
-                + a3 * work[144 + t]
-                + a4 * work[152 + t]
-                + a5 * work[160 + t]
-            )
         for t in range(6):
-            sums.hessian[at + s, at + t] += work[168 + t]
+            sums.hessian[at + s, at + t] += work[120 + 8 * s + t]
 
 
 @compiled
