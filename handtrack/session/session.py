@@ -447,9 +447,9 @@ class Session:
         return replace(seen, pins=pins) if pins else seen
 
     def prepare(self, frame: int, silhouettes: bool, cloud: bool) -> None:
-        """Read and keep what `observation` needs of a frame wherever the hand is."""
+        """Read and keep what `observation` needs of a frame wherever the hand is; a cloud that is known around a hand is enough."""
         self._kept(frame, silhouettes, False)
-        if cloud:
+        if cloud and self._parts.get(frame) is None:
             self.measured_cloud(frame)
 
     def images(self, frame: int) -> tuple[ImageView, ...]:

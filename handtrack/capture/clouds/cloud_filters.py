@@ -373,7 +373,7 @@ def inliers(points: Floats[N, D3], neighbours: int, ratio: float, seed: int) -> 
     from scipy.spatial import KDTree
 
     seen = random_part(len(points), _TREE_MOST, seed)
-    tree = KDTree(points[seen])
+    tree = KDTree(points[seen], leafsize=24, balanced_tree=False)
     distance = np.asarray(tree.query(points, k=neighbours + 1)[0])[:, 1:].mean(axis=1)
     return distance <= ratio * np.median(distance)
 

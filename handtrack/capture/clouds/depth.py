@@ -44,7 +44,7 @@ def surface_pixels(
         here, there = _overlap(down, right)
         a, b = depth[here], depth[there]
         limit = np.minimum(a, b) * (jump_share + slope * np.hypot(down, right))
-        together = (np.abs(a - b) <= limit) & (a > 0) & (b > 0)
+        together = np.abs(a - b) <= limit  # never where one is no measurement; of two, nobody asks
         supported[here] += together
         supported[there] += together
     return (supported >= support) & (depth > 0)

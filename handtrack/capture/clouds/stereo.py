@@ -412,9 +412,11 @@ def consistent(left: Array[H, W], right: Array[H, W], tolerance_px: float) -> Ar
 
 def at_partners(values: Array[H, W], found: Array[H, W]) -> tuple[Array[H, W], Array[H, W]]:
     """Return whether left disparities lead to right pixels, and the right image's values there."""
-    partner = np.arange(found.shape[1]) - np.nan_to_num(found).round().astype(int)
-    inside = np.isfinite(found) & (partner >= 0) & (partner < found.shape[1])
-    return inside, np.take_along_axis(values, np.where(inside, partner, 0), axis=1)
+    known, (height, width) = np.isfinite(found), found.shape
+    partner = np.arange(width) - np.where(known, found, 0.0).round().astype(int)
+    inside = known & (partner >= 0) & (partner < width)
+    rows = width * np.arange(height)[:, None]
+    return inside, values.take(np.where(inside, partner, 0) + rows)
 
 
 def without_speckles(found: Array[H, W], least_px: int) -> Array[H, W]:
@@ -453,9 +455,10 @@ def _sgbm(left: Bytes, right: Bytes, least: int, most: int, window_px: int) -> A
 
 def moved_right(image: Bytes[H, W], by: int, extra: int = 0) -> Bytes[H, L]:
     """Return columns −extra … W − 1 of the image moved right by `by`, its edge repeated."""
-    width = image.shape[1]
-    source = np.clip(np.arange(-extra, width) - by, 0, width - 1)
-    return np.ascontiguousarray(image[:, source])
+    before = max(extra + by, 0)
+    wide = cv2.copyMakeBorder(image, 0, 0, before, max(-by, 0), cv2.BORDER_REPLICATE)
+    first = before - extra - by
+    return np.asarray(wide, np.uint8)[:, first : first + extra + image.shape[1]]
 
 
 def _grey(image: Bytes) -> Bytes:
@@ -463,7 +466,7 @@ def _grey(image: Bytes) -> Bytes:
 
 
 def _mirrored(image: Bytes) -> Bytes:
-    return np.ascontiguousarray(image[:, ::-1])
+    return np.asarray(cv2.flip(image, 1), np.uint8)
 
 
 # ---- From a pair of images to points
@@ -583,13 +586,12 @@ class StereoMatcher:
         """Return the coloured points (N, 3), world [m], of a matched pair."""
         depth_m = self.pair.depth_of(view.disparity)
         surface = surface_pixels(depth_m, float(self.pair.left.matrix[0, 0]), *_SURFACE)
+        surface &= (depth_m >= self.near_m) & (depth_m <= self.settings.far_m)
         rows, columns = np.nonzero(surface)
-        points = self.pair.points(columns, rows, view.disparity[rows, columns].astype(float))
-        depth = (points - self.pair.left.centre) @ self.pair.left.rotation[2]
-        keep = (depth >= self.near_m) & (depth <= self.settings.far_m)
-        if not keep.any():
+        if not len(rows):
             return EMPTY
-        return PointCloud(points[keep], view.left[rows, columns, ::-1][keep])
+        points = self.pair.points(columns, rows, view.disparity[surface].astype(float))
+        return PointCloud(points, view.left[surface][:, ::-1])
 
     def _narrowed(self, left: Bytes, right: Bytes, wanted: Array, rows: slice) -> tuple[int, int]:
         """Return the range of disparities that a match of small images leaves, as a hand has

@@ -22,6 +22,7 @@ from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.parallel import in_parallel
 from handtrack.session.session_file import SessionFile
 from handtrack.session.sources.views import View
 
@@ -54,8 +55,9 @@ class CloudSource:
 
     def read(self, frame: int) -> PointCloud | None:
         """Return the frame's cloud in the world frame; None where none was taken."""
-        clouds = [cloud for part in self._parts if (cloud := part(frame)) is not None]
-        return merged(clouds) if clouds else None
+        clouds = in_parallel(lambda part: part(frame), self._parts)
+        taken = [cloud for cloud in clouds if cloud is not None]
+        return merged(taken) if taken else None
 
 
 class _StereoPair:

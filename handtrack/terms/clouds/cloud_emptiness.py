@@ -11,7 +11,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.clouds.distance_map import DistanceMap
 from handtrack.terms.clouds.distance_map_kernels import emptiness_sums
-from handtrack.terms.clouds.visibility_kernels import fill_facing, picture
+from handtrack.terms.clouds.visibility_kernels import fill_facing, fill_hidden, fill_hiding
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.term import SurfaceTerm, check_noise
 
@@ -85,15 +85,13 @@ def visible_from(
 
 def hidden(points: Floats[V, D3], others: Floats[M, D3], centre: Floats[D3]) -> Array[V]:
     """Return which points have one of others (M, 3) before them, nearer to a camera's centre on about the same line of sight."""
-    place, depth, cell, nearer, count = picture(points, others, centre, CELL)
-    nearest = np.full(count + 1, np.inf)
-    np.minimum.at(nearest, cell, nearer)
-    return depth > nearest[place] + DEPTH_STEP
+    found = np.empty(len(points), bool)
+    fill_hidden(points, others, centre, (CELL, DEPTH_STEP), found)
+    return found
 
 
 def hiding(points: Floats[V, D3], others: Floats[M, D3], centre: Floats[D3]) -> Array[M]:
     """Return which of others (M, 3) lie so before any of points (V, 3)."""
-    place, depth, cell, nearer, count = picture(points, others, centre, CELL)
-    furthest = np.full(count + 1, -np.inf)
-    np.maximum.at(furthest, place, depth)
-    return nearer + DEPTH_STEP < furthest[cell]
+    found = np.empty(len(others), bool)
+    fill_hiding(points, others, centre, (CELL, DEPTH_STEP), found)
+    return found

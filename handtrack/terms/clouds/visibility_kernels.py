@@ -22,7 +22,29 @@ def fill_facing(points, normals, centre, least, facing):  # pragma: no cover - c
 
 
 @compiled_as_numpy
-def picture(points, others, centre, cell_m):  # pragma: no cover - compiled
+def fill_hidden(points, others, centre, cells, found):  # pragma: no cover - compiled
+    """Fill found (V,): which points (V, 3) have one of others (M, 3) before them. cells: `CELL` and `DEPTH_STEP`."""
+    place, depth, cell, nearer, count = _picture(points, others, centre, cells[0])
+    nearest = np.full(count + 1, np.inf)
+    for n in range(others.shape[0]):
+        nearest[cell[n]] = min(nearest[cell[n]], nearer[n])
+    for n in range(points.shape[0]):
+        found[n] = depth[n] > nearest[place[n]] + cells[1]
+
+
+@compiled_as_numpy
+def fill_hiding(points, others, centre, cells, found):  # pragma: no cover - compiled
+    """Fill found (M,): which of others lie so before any of points."""
+    place, depth, cell, nearer, count = _picture(points, others, centre, cells[0])
+    furthest = np.full(count + 1, -np.inf)
+    for n in range(points.shape[0]):
+        furthest[place[n]] = max(furthest[place[n]], depth[n])
+    for n in range(others.shape[0]):
+        found[n] = nearer[n] + cells[1] < furthest[cell[n]]
+
+
+@compiled_as_numpy
+def _picture(points, others, centre, cell_m):  # pragma: no cover - compiled
     """Return cells and depths of points (V, 3) and of others (M, 3) in a picture of the points from a camera's centre, and its count of
     cells, which others beside the picture have for theirs. Cells are `cell_m` wide at the points' distance.
     """
