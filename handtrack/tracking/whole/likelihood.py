@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -40,7 +41,7 @@ from handtrack.tracking.size.person import PersonChange, Subject
 from handtrack.tracking.whole.refinement import CameraError
 
 _HELD = 400
-"""frames whose terms stay in memory, about 0.3 MB each; of longer recordings they are read anew in each sweep"""
+"""frames whose terms stay in memory, about 0.3 MB each, 1 MB with a cloud; of longer recordings they are read anew in each sweep"""
 NEW_POSE_S = 0.5
 """[s] after which a hand has another pose, the length of one movement: what is known of poses beforehand counts once in that time,
 for it says the same of each frame"""
@@ -167,13 +168,27 @@ class RecordingLikelihood:
         return known
 
     def sharing(self, shared: Shared) -> RecordingLikelihood:
-        """Return the same frames, of a person and through cameras that have changed; they are read anew where other images are
-        looked at.
-        """
-        found = replace(self, cameras=shared.cameras, person=shared.person)
-        if (found.cameras.names, found.cameras.ahead) == (self.cameras.names, self.cameras.ahead):
-            found._held = self._held
-        return found
+        """Return the same frames, of a person and through cameras that have changed."""
+        return self.knowing(cameras=shared.cameras, person=shared.person)
+
+    def knowing(self, **found: Any) -> RecordingLikelihood:
+        """Return the same frames, of which something else is known; they are read anew where that changes how."""
+        changed = replace(self, **found)
+        if changed._read_by == self._read_by:
+            changed._held = self._held
+        return changed
+
+    def forget(self) -> None:
+        """Keep no frame in memory: those asked for after all are read anew."""
+        self._held.clear()
+
+    @property
+    def _read_by(self) -> tuple[Any, ...]:
+        """What frames are read by, of what is found with them."""
+        cameras, person = self.cameras, self.person
+        has_long_arm = person is not None and person.with_long_arm is not person.parameters.model
+        own = self.outline_mm, self.new, self.wide
+        return cameras.names, cameras.ahead, has_long_arm, *own
 
     @property
     def model(self) -> ArticulatedModel:
@@ -231,6 +246,8 @@ class RecordingLikelihood:
         """
         moved = replace(self, around={**self.around, **poses}, silent=silent, poor=poor)
         anew = set(poses) | (silent ^ self.silent) | (poor ^ self.poor)
+        if any(any(late.values()) for late in self.frames_later.values()):  # by their speeds
+            anew |= {frame + way for frame in poses for way in (-1, 1)}
         moved._held.update({n: f for n, f in self._held.items() if n not in anew})
         return moved
 

@@ -169,8 +169,8 @@ def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> Recordi
     around = dict(zip(numbers, poses, strict=True))
     likelihood = RecordingLikelihood(recording, around, frame_seconds(tracked), silent=lost)
     outlines = measured_outlines(likelihood, [numbers[n] for n in found], poses[found])
-    likelihood = replace(likelihood, outline_mm=outlines)
-    likelihood = replace(likelihood, new=new_share(likelihood, numbers, poses))
+    likelihood = likelihood.knowing(outline_mm=outlines)
+    likelihood = likelihood.knowing(new=new_share(likelihood, numbers, poses))
     return RecordingEstimate(tracked, likelihood, poses)
 
 
@@ -190,6 +190,7 @@ def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate:
     likelihood = likelihood.elsewhere(
         {numbers[n]: poses[n] for n in changed}, likelihood.silent & bridged, frozenset(numbers[n] for n in poor)
     )  # fmt: skip
+    estimate.likelihood.forget()  # the trellis still has it
     for n in poor:
         before = likelihood.model.solver_params(tracked[n].parameters)
         poses[n] = min(poses[n], before, key=lambda pose: likelihood.of(numbers[n]).at(pose).cost)
@@ -202,10 +203,10 @@ def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     subject = likelihood.recording.subject
     samples = _samples(likelihood, [r.frame for r in estimate.tracked if r.status != Status.LOST])
     if subject is not None and samples:
-        likelihood = replace(likelihood, person=PersonChange.of(likelihood.model, samples, subject))
+        likelihood = likelihood.knowing(person=PersonChange.of(likelihood.model, samples, subject))
     points = [one for seen, _ in samples for one in seen.keypoints]
     detected = any(isinstance(one, ImageKeypoints) for one in points)
-    likelihood = replace(likelihood, wide=detected and likelihood.model.kind == "hand")
+    likelihood = likelihood.knowing(wide=detected and likelihood.model.kind == "hand")
     timed = estimate.duration_s >= NEW_POSE_S
     later = [likelihood.frames_later[frame] for frame in estimate.frames]  # `new_share` read all
     cameras = CameraChanges.of([one for one, _ in samples], later)
@@ -251,7 +252,7 @@ def let_outliers_go(estimate: RecordingEstimate) -> RecordingEstimate:
         return estimate
     found = estimate.solution
     masks = found.shared.through(found.cameras.finding(OUTLINE))
-    likelihood = replace(estimate.likelihood.sharing(masks), wide=False)
+    likelihood = estimate.likelihood.sharing(masks).knowing(wide=False)
     again = estimate.solved(likelihood, found.poses)
     return replace(estimate, likelihood=likelihood, hypotheses=(again,))
 
@@ -276,6 +277,7 @@ def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
     if recording.subject is not None and refinement.scale is not None:
         recording = replace(recording, model=recording.subject.build(refinement.scale))
         around = dict(zip(estimate.frames, found.poses, strict=True))
+        estimate.likelihood.forget()
         likelihood = replace(likelihood, recording=recording, around=around, person=None)
     results = in_parallel(lambda n: _result(likelihood, found, n, tracked), range(len(tracked)))
     return replace(estimate, likelihood=likelihood, results=results)
