@@ -275,8 +275,8 @@ def make_current(store: WritableStore, spans: Sequence[Span], words: str, path: 
     keep_version(path)
     with replacing(path) as part:
         write_npz(part, track)
+        store.know_file(file_digest(part))
         store.make_current(spans, words)
-    store.know_file(file_digest(path))
 
 
 def file_digest(path: Path) -> str:

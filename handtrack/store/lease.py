@@ -60,6 +60,11 @@ def holder_of(folder: Path) -> Holder | None:
     return holder if _lives(holder, path) else None
 
 
+def was_left(folder: Path) -> bool:
+    """Return whether a lease lies in a store: its holder lives, or ended without giving it back."""
+    return _newest(folder) is not None
+
+
 class Lease:
     """The right to write to a store, until `release` or until another program takes over."""
 

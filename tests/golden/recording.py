@@ -80,8 +80,7 @@ def written(folder: Path) -> None:
     )
     write_session_file(session / "session_everything.toml", EVERYTHING)
     pins = SessionPins(session, Session.open(session).rig)
-    pins.hold(0, [Pin("cam0", (20.5, 30.25), joint="index_tip"), Pin("cam1", (31.0, 22.0), bone="middle_metacarpal", point=(0.01, 0.02, 0.0))])  # fmt: skip
-    pins.write()
+    pins.write({0: [Pin("cam0", (20.5, 30.25), joint="index_tip"), Pin("cam1", (31.0, 22.0), bone="middle_metacarpal", point=(0.01, 0.02, 0.0))]})  # fmt: skip
     _take(session / "takes_store")
     write_npz(folder / "poses_2.npz", sample())
     batch = folder / "batch"

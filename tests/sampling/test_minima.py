@@ -32,12 +32,18 @@ def rest_prior(model, sigma=0.8):
     return GaussianPrior(model.rest, widths)
 
 
-def hand_problem(rng, coupling="26", narrowing=False):
-    """Return a model, what is seen of it in space and in an image, priors and starts near by."""
-    model = load_model("hand26", coupling=coupling, narrowing=narrowing)
+def somewhere(rng, model):
+    """Return how many parameters a model has, some of them, and its joints there."""
     size = len(model.rest_params())
     truth = model.clipped(model.rest_params() + 0.3 * rng.normal(size=size))
     points = model.joint_positions(model.bones(truth))
+    return size, truth, points
+
+
+def hand_problem(rng, coupling="26", narrowing=False):
+    """Return a model, what is seen of it in space and in an image, priors and starts near by."""
+    model = load_model("hand26", coupling=coupling, narrowing=narrowing)
+    size, truth, points = somewhere(rng, model)
     places = points + 0.003 * rng.normal(size=points.shape)
     pixels = FRONT.project(points) + rng.normal(size=(len(points), 2))
     seen = [
@@ -115,9 +121,7 @@ CAMERAS = (
 
 def problem_of(rng, model, loss):
     """Return terms of two cameras and space with noise and unknown joints, and parameters near by."""
-    size = len(model.rest_params())
-    truth = model.clipped(model.rest_params() + 0.3 * rng.normal(size=size))
-    points = model.joint_positions(model.bones(truth))
+    size, truth, points = somewhere(rng, model)
     seen = []
     for number, camera in enumerate(CAMERAS):
         pixels = camera.project(points) + 3.0 * rng.normal(size=(len(points), 2))

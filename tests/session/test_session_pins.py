@@ -19,8 +19,7 @@ ON_BONE = Pin("left", (100.0, 40.0), "", "index_distal", (0.001, 0.01, 0.0))
 
 def test_pins_come_back_from_the_file_and_lie_there_in_the_image_as_it_was_taken(tmp_path):
     pins = SessionPins(tmp_path, RIG)
-    pins.hold(3, [TIP, ON_BONE])
-    pins.write()
+    pins.write({3: [TIP, ON_BONE]})
     row = json.loads((tmp_path / "pins.json").read_text())["pins"][0]
     taken = RIG["left"].distort_points(np.array(TIP.pixel))
     assert np.linalg.norm(taken - TIP.pixel) > 3

@@ -57,10 +57,9 @@ def test_takes_are_never_overwritten_and_the_track_is_composed_of_them(folder):
 
 
 def test_a12_the_newest_is_told_by_its_number_and_not_by_its_time(folder):
-    with WritableStore(folder, "a test") as store:
-        store.make_current(store.restored(add_take(store, range(3), 1)))
-    with WritableStore(folder, "a test") as store:
-        store.make_current(store.restored(add_take(store, range(3), 2)))
+    for seed in (1, 2):
+        with WritableStore(folder, "a test") as store:
+            store.make_current(store.restored(add_take(store, range(3), seed)))
     later = folder / "actions/000001.log"
     os.utime(later, (2e9, 2e9))
     assert Store(folder).current() == (Span(2, 0, 3),)
@@ -123,26 +122,20 @@ def test_a7_a_write_that_fails_at_any_call_leaves_all_that_was_saved(folder, mon
     raise AssertionError("there was no end of calls")
 
 
-def test_a6_a_folder_that_is_gone_is_told_and_not_made_again(folder):
+def test_a2_a6_a_file_in_the_place_of_ours_is_noticed_and_a_folder_that_is_gone_not_made_again(
+    folder,
+):
     """Fault C44."""
-    store = WritableStore(folder, "a test")
-    writer = store.begin(about())
+    store, frame = WritableStore(folder, "a test"), step(np.random.default_rng(0), 0)
+    writer, path = store.begin(about()), folder / "takes/0001/000001.log"
+    shutil.copyfile(path, path.with_suffix(".copy")).replace(path)
+    with pytest.raises(HandtrackError, match="another program"):
+        writer.add(frame)
     shutil.rmtree(folder)
     with pytest.raises(HandtrackError, match="moved"):
-        writer.add(step(np.random.default_rng(0), 0))
+        writer.add(frame)
     store.close()
     assert not folder.exists()
-
-
-def test_a2_a_file_that_is_put_in_the_place_of_ours_is_noticed(folder):
-    with WritableStore(folder, "a test") as store:
-        writer = store.begin(about())
-        path = folder / "takes/0001/000001.log"
-        copy = path.with_suffix(".copy")
-        shutil.copyfile(path, copy)
-        copy.replace(path)
-        with pytest.raises(HandtrackError, match="another program"):
-            writer.add(step(np.random.default_rng(0), 0))
 
 
 def test_a13_of_hundreds_of_flipped_bits_none_is_accepted_silently(folder):
@@ -220,11 +213,7 @@ def test_undo_and_redo_go_along_the_steps():
     for _ in range(3):
         travel(history, history.undoing())
     assert history.undoing() is None and history.state == {}
-
-
-def test_a_drag_is_one_step_back_to_where_it_began():
-    history = History()
-    do(history, "a", 1)
+    do(history, "a", 1)  # a drag is one step back to where it began
     for value in (2, 3, 4):
         do(history, "a", value, joins=value > 2)
     travel(history, history.undoing())
@@ -233,46 +222,40 @@ def test_a_drag_is_one_step_back_to_where_it_began():
     assert history.state == {"a": 4}
 
 
-def test_a2_a_second_writer_is_told_who_holds_the_store_and_may_read(tmp_path):
-    with WritableStore(tmp_path, "handtrack track") as store:
-        add_take(store, range(3))
-        with pytest.raises(LeaseTaken) as told:
-            WritableStore(tmp_path, "handtrack open")
-        assert f"`handtrack track` (process {os.getpid()}" in str(told.value)
-        assert Store(tmp_path).takes()[0].frames == (0, 1, 2)
-        assert store.lease.holder == holder_of(tmp_path)
-    assert holder_of(tmp_path) is None
-    assert not [name for name in files_of(tmp_path) if "lease" in name]
-
-
-def test_a2_who_is_taken_over_is_told_and_nothing_of_either_is_lost(tmp_path):
-    first = WritableStore(tmp_path, "the first")
+def test_a2_a_second_writer_is_told_who_writes_and_may_read_or_take_over_and_nothing_is_lost(
+    tmp_path,
+):
+    first, rng = WritableStore(tmp_path, "the first"), np.random.default_rng(0)
     begun = first.begin(about())
-    rng = np.random.default_rng(0)
     begun.add(step(rng, 0))
+    with pytest.raises(LeaseTaken) as told:
+        WritableStore(tmp_path, "the second")
+    assert f"`the first` (process {os.getpid()}" in str(told.value)
+    assert Store(tmp_path).takes()[0].frames == (0,)
+    assert first.lease.holder == holder_of(tmp_path)
     with WritableStore(tmp_path, "the second", take_over=True) as second:
         assert second.lease.generation == 2
         with pytest.raises(HandtrackError, match="`the second`"):
             begun.add(step(rng, 1))
         second.go_on(second.take(1)).add(step(rng, 1))
     first.close()
+    assert holder_of(tmp_path) is None
     assert Store(tmp_path).take(1).frames == (0, 1)
     assert files_of(tmp_path) == ["takes/0001/000001.log", "takes/0001/000002.log"]
     assert not Store(tmp_path).damage()
 
 
-def test_a_lease_of_a_program_that_was_killed_is_stale(tmp_path):
+def test_a_lease_of_a_program_that_was_killed_is_stale_and_a_torn_one_is_no_reason_to_write(
+    tmp_path,
+):
     code = "import sys,os; from handtrack.store.lease import Lease; from pathlib import Path; " \
         "Lease.acquire(Path(sys.argv[1]), 'killed'); os._exit(9)"  # fmt: skip
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
     assert files_of(tmp_path) == ["lease-000001.json"]
     assert holder_of(tmp_path) is None
-    with WritableStore(tmp_path, "the next") as store:
+    with WritableStore(tmp_path, "the next"):
         assert files_of(tmp_path) == ["lease-000002.json"]
-        assert store.lease.generation == 2
-
-
-def test_a_torn_lease_is_no_reason_to_write(tmp_path):
+    tmp_path.mkdir()  # it was empty
     (tmp_path / "lease-000004.json").write_text('{"generation": 4, "pro')
     with pytest.raises(LeaseTaken, match="an unknown program"):
         WritableStore(tmp_path, "here")

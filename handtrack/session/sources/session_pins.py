@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,6 +52,7 @@ class SessionPins:
         self._pins: dict[int, tuple[Pin, ...]] = {}
         if has_file and self._path.is_file():
             self._pins = self._read()
+        self._in_file = dict(self._pins)
 
     def _see_by(self, rig: CameraRig) -> None:
         self._rig = rig
@@ -98,13 +99,17 @@ class SessionPins:
             else:
                 self._pins.pop(frame, None)
 
-    def write(self, kept: str | None = None) -> str | None:
-        """Write the file; without pins there is none.
+    def write(
+        self, changed: Mapping[int, Iterable[Pin] | None], kept: str | None = None
+    ) -> str | None:
+        """Write what changed of the pins to the file; without pins there is none.
 
         Return its text.
 
         Parameters
         ----------
+        changed
+            By frame; None: no pins.
         kept
             What was written here last: a file that is otherwise is kept in versions/.
 
@@ -112,20 +117,24 @@ class SessionPins:
         ------
         HandtrackError
         """
-        text = self.text
+        for frame, pins in changed.items():
+            self._in_file[frame] = tuple(map(self.as_written, pins or ()))
+        text = self.text_of(self._in_file)
         write_over(self._path, *(None if one is None else one.encode() for one in (text, kept)))
         return text
 
     @property
     def text(self) -> str | None:
-        """The file's text as it is to be now; None without pins."""
+        """The text of a file of the pins that count; None without pins."""
         with self._lock:
-            pins = {frame: self._pins[frame] for frame in sorted(self._pins)}
+            return self.text_of(self._pins)
+
+    def text_of(self, by_frame: Mapping[int, tuple[Pin, ...]]) -> str | None:
+        """Return the text of a file of pins by frame; None without pins."""
+        pins = [(frame, pin) for frame in sorted(by_frame) for pin in by_frame[frame]]
         if not pins:
             return None
-        rows = ",\n".join(
-            "  " + json.dumps(self._row(frame, pin)) for frame, own in pins.items() for pin in own
-        )
+        rows = ",\n".join("  " + json.dumps(self._row(*of)) for of in pins)
         return f'{{"format": {_FORMAT}, "unit": "px", "pins": [\n{rows}\n]}}\n'
 
     def _row(self, frame: int, pin: Pin) -> dict[str, object]:

@@ -131,10 +131,6 @@ def test_what_was_painted_comes_back_and_a_file_from_elsewhere_counts_and_is_kep
     assert file_of(folder).is_file()
     again, _ = working(folder)
     assert held(again) == [0]
-    again.engine.undo(1)
-    eventually(lambda: not file_of(folder).exists())
-    again.engine.redo(2)
-    eventually(lambda: file_of(folder).is_file())
     again.stop()
     theirs = encoded(painted(empty_layer((96, 72)), np.array([[80.0, 8]]), 5.0, HAND))
     for frame in (0, 1):  # over ours, and where we have none

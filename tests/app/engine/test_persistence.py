@@ -2,15 +2,21 @@
 
 import io
 import zipfile
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack.session.session_state import decide
+from handtrack.observation.pins import Pin
+from handtrack.session.session_state import Correction, decide
+from handtrack.session.sources.corrected_masks import encoded
+from handtrack.store.log import LogWriter
 from handtrack.store.store import Span
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.posing_service import pose_before
+from handtrack_app.engine.store import saving
 from handtrack_app.engine.store.persistence import export_beside
 from handtrack_app.protocol import snapshots
 from tests.app.desk import working
@@ -92,6 +98,33 @@ def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path):
     assert sent_to[3].name == f"fake_frame{store.document.frame}_init.json"
 
 
+def test_killed_at_any_write_a_step_and_its_files_are_both_there_or_neither(tmp_path, monkeypatch):
+    edit = decide(
+        pins={3: (Pin("front", (40.0, 30.0), "index_tip"),)},
+        correction={("front", 0): Correction(encoded(np.zeros((72, 96), np.uint8)))},
+    )
+    ends, moment = False, 0
+    while not ends:
+        folder, moment = tmp_path / str(moment), moment + 1
+        store, left = tracked(opened(folder)), iter(range(moment))
+        with monkeypatch.context() as patch, suppress(StopIteration, RuntimeError):
+            for place, name in ((Path, "replace"), (LogWriter, "append")):
+                really = getattr(place, name)
+                counted = lambda *given, go=really, left=left: (next(left), go(*given))[1]  # noqa: E731
+                patch.setattr(place, name, counted)
+            did(store, edit)
+            saving.save_track(store)
+            ends = True
+        again = opened(folder)
+        assert len(again.store.takes()) == 1, "a track that was saved is no other take"
+        did(again, edit)  # as the page does again
+        files = folder / "pins.json", folder / "masks_corrected/front/000000.png"
+        assert all(file.is_file() for file in files)
+        again.undo()
+        assert not any(file.exists() for file in files)
+    assert moment > 4
+
+
 def test_it_is_the_pose_before_the_last_step_that_changed_this_frame(tmp_path):
     store = opened(tmp_path)
     document = store.document
@@ -105,8 +138,7 @@ def test_it_is_the_pose_before_the_last_step_that_changed_this_frame(tmp_path):
     document.show(5)
     was = pose_before(document, store.history)
     assert_allclose(was[6:], document.start[6:] + 0.05, atol=1e-9)
-    store.undo()
-    store.undo()
-    store.undo()
+    for _ in range(3):
+        store.undo()
     document.show(5)
     assert_allclose(document.shown[6:], document.start[6:] + 0.05, atol=1e-9)

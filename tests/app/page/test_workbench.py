@@ -196,21 +196,22 @@ def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
 
 
 def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench, wire):
-    state, history = bench.state, bench.layout.pose.history
+    history = bench.layout.pose.history
+    angle_of = lambda name: np.rad2deg(value_of(bench.state, name))  # noqa: E731
     for name, angle in (
         ("index_mcp_flex", 20.0),
         ("ring_mcp_flex", 30.0),
         ("thumb_ip_flex", 15.0),
     ):
         wire.set_value(bench.layout.pose.sliders[name], angle)
-        eventually(lambda name=name: abs(np.rad2deg(value_of(state, name)) - angle) < 0.1, name)  # noqa: B023
+        eventually(lambda name=name: abs(angle_of(name) - angle) < 0.1, name)  # noqa: B023
     eventually(lambda: len(history.options) == 4)  # three steps, and now
     wire.set_value(history, next(one for one in history.options if "Ring" in one))
-    eventually(lambda: abs(np.rad2deg(value_of(state, "ring_mcp_flex")) - 30.0) > 1)
-    assert abs(np.rad2deg(value_of(state, "index_mcp_flex")) - 20.0) < 0.1  # the first one holds
+    eventually(lambda: abs(angle_of("ring_mcp_flex") - 30.0) > 1)
+    assert abs(angle_of("index_mcp_flex") - 20.0) < 0.1  # the first one holds
     eventually(lambda: len(history.options) == 4 and history.options[2] == "now")  # two undone
     wire.set_value(history, history.options[0])
-    eventually(lambda: abs(np.rad2deg(value_of(state, "thumb_ip_flex")) - 15.0) < 0.1)
+    eventually(lambda: abs(angle_of("thumb_ip_flex") - 15.0) < 0.1)
 
 
 def test_a_setting_is_marked_undone_saved_and_brought_back_to_session_toml(bench, wire):

@@ -4,7 +4,6 @@ What the page called saved is on disk at once; in the end all is, in order and o
 `HANDTRACK_KILLS=300 pytest -s tests/app/process/test_engine_kills.py`.
 """
 
-import json
 import os
 import random
 import signal
@@ -13,7 +12,6 @@ from contextlib import suppress
 
 import pytest
 
-from handtrack.session.layout import PINS_FILE
 from handtrack_app.process import engine_process
 from handtrack_app.protocol.snapshots import Hold
 from tests.app.fake_run import FRAMES
@@ -91,10 +89,7 @@ class Editor:
 
     def missing(self, upto):
         """Return what was done last by one of so many commands, and is not on disk as it was done."""
-        pins = self.folder / PINS_FILE
-        rows = json.loads(pins.read_text())["pins"] if pins.exists() else ()
-        held = {f"pins/{row['frame']}": {"pins": [row]} for row in rows}  # though their step is not
-        state = held | state_on_disk(self.folder)
+        state = state_on_disk(self.folder)
         return [
             f"{key}: {value} expected, {found}"
             for key, (value, number) in self.expected.items()

@@ -8,12 +8,14 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
@@ -39,14 +41,14 @@ from handtrack.session.session_state import (
 from handtrack.session.takes import foreign_takes, import_track, refined_by, versions_in_use
 from handtrack.session.track_session import keyframe_result
 from handtrack.store.history import DO, NOTE, Action, Change, History, Kind, Span, merged
-from handtrack.store.lease import LeaseTaken
+from handtrack.store.lease import LeaseTaken, was_left
 from handtrack.store.store import Store, WritableStore, resolved
 from handtrack.store.take import TakeAbout, TakeFrames, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.document import Document, TakeCache, correction_of, pinning
 from handtrack_app.engine.store import edits
-from handtrack_app.protocol.snapshots import Download, Notice
+from handtrack_app.protocol.snapshots import Download, FileKind, Notice
 
 PROGRAM = "handtrack open"
 _UNREADABLE = (HandtrackError, ValueError, KeyError, TypeError)
@@ -108,6 +110,8 @@ def restored_message(document: Document) -> str:
 
 log = logging.getLogger(__name__)
 
+_IN_FILES = ("correction", "pins")
+"""what has files of its own, for others to read"""
 _UNWRITABLE = "nothing can be written there, so work on this session would be lost"
 _MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
 _QUIET_S = 0.4  # edits by hand are written when none came for this long
@@ -129,7 +133,11 @@ class Persistence:
     store: WritableStore | None
     history: History = field(default_factory=History)
     warning: str = ""
+    _cut_off: bool = False
+    """whether the program that wrote here before did not come to its end"""
     _unwritten: list[Action] = field(default_factory=list)
+    _to_file: dict[Key, Any] = field(default_factory=dict)
+    """corrections and pins of the action written last, whose files are not written yet"""
     _take: OpenTake | None = None
     _corrections: dict[tuple[str, int], bytes | None] = field(default_factory=dict)
     """files of them as they were written here: what stands there otherwise is kept"""
@@ -151,6 +159,7 @@ class Persistence:
         if document.session.live is not None:
             return cls(document, None)
         folder = document.session.folder / TRACKS_FOLDER
+        cut_off = was_left(folder)
         try:
             store = WritableStore(folder, PROGRAM, take_over)
         except (HandtrackError, OSError) as error:
@@ -162,7 +171,8 @@ class Persistence:
             return cls(document, None, Store(folder).history(), message)
         for ours in (folder, folder.parent):
             remove_abandoned(ours)  # the lease is ours: nobody else writes there
-        return cls(document, store, store.history(), " ".join(store.damage(takes=False)))
+        damage = " ".join(store.damage(takes=False))
+        return cls(document, store, store.history(), damage, cut_off)
 
     @property
     def folder(self) -> Path:
@@ -240,13 +250,16 @@ class Persistence:
 
     def _after_edit(self, waits: bool = False) -> None:
         """Leave to session.toml what it says, and write, or remember that an edit waits."""
-        document = self.document
-        if document.state.setting and not document.unsaved("setting"):
-            self.leave_to_the_file("setting")
+        self._leave_what_the_file_says()
         if self._first_waits is None:
             self._first_waits = time.monotonic()
         if not waits:
             self.flush()
+
+    def _leave_what_the_file_says(self) -> None:
+        for kind in get_args(FileKind):
+            if getattr(self.document.state, kind) and not self.document.unsaved(kind):
+                self.leave_to_the_file(kind)
 
     def leave_to_the_file(self, kind: str) -> None:
         """The session's files say what was decided of a kind: it may be edited there, and is not to be written over later."""
@@ -277,23 +290,56 @@ class Persistence:
     def flush(self) -> None:
         """Write what waits; raise HandtrackError for what cannot be: it stays, and is tried again with the next action."""
         self._first_waits = None
-        while self._unwritten:
-            if self.store is not None:
-                self.check()
-                self._write_files(read(self._unwritten[0].after))
+        while self.has_edits_to_write:
+            if self.store is None:
+                self._unwritten.clear()
+                return
+            self.check()
+            if not self._to_file:
                 self.store.write(self._unwritten[0])
-            del self._unwritten[0]
+                after = read(self._unwritten.pop(0).after)
+                self._to_file = {key: v for key, v in after.items() if key[0] in _IN_FILES}
+            self._write_files()
 
-    def _write_files(self, after: Mapping[Key, Any]) -> None:
-        """Write what an action changed of corrections and pins, before the action itself."""
-        session = self.document.session
+    def _write_files(self) -> None:
+        """Write files of corrections and pins after their action: of a program that is cut off in between, the next one knows by the
+        action what they were and what they are to be (`_finish_files`).
+        """
+        session, after = self.document.session, self._to_file
         for (kind, at), value in after.items():
             if kind == "correction":
                 place, content = correction_of(session, at, value)
                 if place.write(at[1], content, self._corrections.get(at)):
                     self._corrections[at] = content
-        if any(kind == "pins" for kind, _ in after):
-            self._pins_text = session.pins.write(self._pins_text)
+        if pinned := {frame: own for (kind, frame), own in after.items() if kind == "pins"}:
+            self._pins_text = session.pins.write(pinned, self._pins_text)
+        self._to_file = {}
+
+    def _finish_files(self) -> None:
+        """The program before was cut off: files that stand as they were before its last action are written. Any other counts as
+        it stands: somebody changed it.
+        """
+        document, pins = self.document, self.document.session.pins
+        last = deque(Store(self.folder / TRACKS_FOLDER).actions(), 1)
+        try:
+            before, after = (
+                read({c.key: value(c) for action in last for c in action.changes})
+                for value in (attrgetter("before"), attrgetter("after"))
+            )
+            pinned = pins.text
+            were = readable(self.history.state).having(before).pins
+            for key, value in after.items():
+                kind, at = key
+                if kind == "pins" and pinned == pins.text_of(were):
+                    self._to_file[key], self._pins_text = value, pinned
+                    pins.hold(at, map(pins.as_written, value or ()))
+                elif kind == "correction":
+                    stands, was = (one and one.png for one in (document.in_force(key), before[key]))
+                    if stands == was:
+                        self._to_file[key], self._corrections[at] = value, stands
+            self._write_files()
+        except _UNREADABLE as error:
+            self._warn(str(error))
 
     def _corrected_elsewhere(self) -> Iterator[Edit]:
         """Yield edits by what files of corrections say otherwise than the state, which was written after them."""
@@ -311,14 +357,14 @@ class Persistence:
     @property
     def has_edits_to_write(self) -> bool:
         """Whether anything that was decided is not on disk yet."""
-        return bool(self._unwritten)
+        return bool(self._unwritten or self._to_file)
 
     @property
     def saved(self) -> str:
         """How far the work is on disk, as WorkSnapshot says it."""
         if self.store is None:
             return "kept nowhere" if self.warning else ""
-        if not self._unwritten and not (self._take and self._take.waiting):
+        if not self.has_edits_to_write and not (self._take and self._take.waiting):
             return "saved"
         return "unsaved" if self._first_waits is None else "saving"
 
@@ -423,19 +469,24 @@ class Persistence:
         if document.session.live is not None:
             return ""
         document.takes = TakeCache(self.folder / TRACKS_FOLDER, self._warn)
+        if self._cut_off and self.store is not None:
+            self._finish_files()
         pins = document.session.pins
         in_file, pinned = pins.text, {frame: pins.of(frame) for frame in pins.frames}
         state = readable(self.history.state, self._pass_over)
         is_known = bool(self.history.state)
         self._become(state)
         self._take_files()
-        changed, pins = [*self._corrected_elsewhere()], document.session.pins
-        if pins.text != in_file:  # it was changed after the state was written
-            changed.append(
-                pinning({frame: pinned.get(frame, ()) for frame in {*pinned, *pins.frames}})
-            )
+        changed, pins, known = (
+            [*self._corrected_elsewhere()],
+            document.session.pins,
+            document.state.pins,
+        )
+        if pins.text_of(known) != in_file:  # their file is another's
+            changed.append(pinning({frame: pinned.get(frame, ()) for frame in {*pinned, *known}}))
         for edit in changed:
             self.do("As the session's files have it", edit, kind=NOTE)
+        self._leave_what_the_file_says()  # what was saved by a program that was cut off then
         self._take_model_of_track()
         self._take_size_of_track()
         disk = self.store or Store(self.folder / TRACKS_FOLDER)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from handtrack.capture.masks.segmentation import METHODS
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import keep_version
+from handtrack.files.atomic import keep_version, replacing
 from handtrack.files.toml_edit import edit_toml
 from handtrack.files.toml_table import read_toml
 from handtrack.model.model_file import write_scale
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
-from handtrack.session.formats.tables import write_result
+from handtrack.session.formats.tables import write_npz
 from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_FILE
 from handtrack.session.session_state import MaskSource
 from handtrack.session.takes import file_digest
@@ -102,9 +102,11 @@ def save_track(store: Persistence) -> str:
     track = whole_track(store.document)
     try:
         path.parent.mkdir(exist_ok=True)
-        previous = write_result(path, track)
-        if store.store is not None:
-            store.store.know_file(file_digest(path))
+        previous = keep_version(path)
+        with replacing(path) as part:
+            write_npz(part, track)
+            if store.store is not None:  # known before it is there: else it would become a take
+                store.store.know_file(file_digest(part))
     except OSError as error:
         raise HandtrackError(
             f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
