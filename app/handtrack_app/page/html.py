@@ -298,10 +298,10 @@ if (document.getElementById("handtrack-style") === null) {
     const eye = new Vector().setFromMatrixPosition(camera.matrixWorld);
     const ahead = new Vector(2 * (x - frame.left) / frame.width - 1, 1 - 2 * (y - frame.top) / frame.height, 0.5).unproject(camera).sub(eye);
     let nearest = Infinity, segment = -1;
-    for (let i = 0; i < count; i++) {  // in the ellipsoid's own frame it is a ball of radius 1
+    for (let i = 0; i < count; i++) {  // in the ellipsoid's own frame it is a ball
       const inverse = placed(i).invert(), from = eye.clone().applyMatrix4(inverse);
       const way = eye.clone().add(ahead).applyMatrix4(inverse).sub(from);
-      const a = way.dot(way), b = way.dot(from), root = b * b - a * (from.dot(from) - 1);
+      const a = way.dot(way), b = way.dot(from), root = b * b - a * (from.dot(from) - known.radius ** 2);
       const meets = (-b - Math.sqrt(root)) / a;
       if (root >= 0 && meets > 0 && meets < nearest) { nearest = meets; segment = i; }
     }

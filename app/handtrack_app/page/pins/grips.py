@@ -22,7 +22,7 @@ from handtrack.geometry.rotation import (
 )
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Client, Page, put
-from handtrack_app.page.scene.model_view import add_batch, ball, unturned
+from handtrack_app.page.scene.model_view import TINY, add_batch, ball, tiny, unturned
 from handtrack_app.page.scene.zoom import ray_pixel, window_camera
 from handtrack_app.protocol.palette import CONTRADICTED, PIN
 from handtrack_app.protocol.snapshots import (
@@ -102,8 +102,8 @@ class Grips:
         session = self._session
         joints = np.full((len(session.joint_names), 3), _POINT_M)
         grip = add_batch(
-            client.handle.scene, name, ball(10, 14), np.concatenate([session.radii, joints]), opacity=_UNSEEN, cast_shadow=False,
-            receive_shadow=False,
+            client.handle.scene, name, tiny(ball(10, 14)), np.concatenate([session.radii, joints]) / TINY, opacity=_UNSEEN,
+            cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
         turned = partial(self._dragged, client, True)
         grip.on_drag("left", modifier="shift")(turned)
@@ -262,6 +262,7 @@ def name_holds(client: viser.ClientHandle, session: SessionSnapshot, node: str) 
     bones = [session.bone_names[int(bone)] for bone in session.ellipsoid_bone]
     known = {
         "node": node,
+        "radius": TINY,
         "near": near_joint_m(session),
         "behind": BEHIND * near_joint_m(session),
         "least": LEAST_AWAY_M,

@@ -153,6 +153,17 @@ def capsule(radius: float, cap: float, rings: int, sides: int) -> Solid:
     return turned(np.vstack([low, low[::-1] * [1, -1] + [0, 1]]), sides)
 
 
+TINY = 1e-3
+"""size of the mesh whose instances can be clicked, in place of 1. viser keeps one more of it, hidden, for the outline of what is
+pointed at: until something is, that stands unscaled at the world's origin and takes the pointer from all that is behind it
+"""
+
+
+def tiny(mesh: Solid) -> Solid:
+    """Return a mesh of size 1 as small as those of instances that can be clicked."""
+    return TINY * mesh[0], mesh[1]
+
+
 def add_batch(
     scene: viser.SceneApi, name: str, mesh: Solid, scales: Floats, **drawn: Any
 ) -> viser.BatchedMeshHandle:
@@ -228,7 +239,7 @@ class Ghosts:
         """Add the mesh, hidden; `take(rank)` is called when one is clicked."""
         self.guesses: GuessesSnapshot | None = None
         self.bones = add_batch(
-            server.scene, "/ghosts", capsule(0.5, 0.25, 4, 8), np.full((1, 3), 1e-4),
+            server.scene, "/ghosts", tiny(capsule(0.5, 0.25, 4, 8)), np.full((1, 3), 1e-4),
             batched_colors=np.zeros((1, 3), np.uint8), opacity=_OPACITY, cast_shadow=False, visible=False,
         )  # fmt: skip
 
@@ -248,7 +259,7 @@ class Ghosts:
         scales = np.stack([thick, guesses.length, thick], axis=1)
         self.bones.batched_positions = guesses.position.astype(np.float32)
         self.bones.batched_wxyzs = quaternion_wxyz(guesses.rotation).astype(np.float32)
-        self.bones.batched_scales = np.maximum(scales, 1e-6).astype(np.float32)
+        self.bones.batched_scales = (np.maximum(scales, 1e-6) / TINY).astype(np.float32)
         self.bones.batched_colors = linear(np.array(GHOSTS)[guesses.owner])
 
     def show(self, wanted: bool, frame: int) -> None:
