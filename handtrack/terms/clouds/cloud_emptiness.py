@@ -11,7 +11,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.clouds.distance_map import DistanceMap
 from handtrack.terms.clouds.distance_map_kernels import emptiness_sums
-from handtrack.terms.clouds.visibility_kernels import fill_facing, fill_hidden, fill_hiding
+from handtrack.terms.clouds.visibility_kernels import fill_facing, occlusion
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.term import SurfaceTerm, check_noise
 
@@ -85,13 +85,9 @@ def visible_from(
 
 def hidden(points: Floats[V, D3], others: Floats[M, D3], centre: Floats[D3]) -> Array[V]:
     """Return which points have one of others (M, 3) before them, nearer to a camera's centre on about the same line of sight."""
-    found = np.empty(len(points), bool)
-    fill_hidden(points, others, centre, (CELL, DEPTH_STEP), found)
-    return found
+    return occlusion(points, others, centre, CELL, DEPTH_STEP)[0]
 
 
 def hiding(points: Floats[V, D3], others: Floats[M, D3], centre: Floats[D3]) -> Array[M]:
     """Return which of others (M, 3) lie so before any of points (V, 3)."""
-    found = np.empty(len(others), bool)
-    fill_hiding(points, others, centre, (CELL, DEPTH_STEP), found)
-    return found
+    return occlusion(points, others, centre, CELL, DEPTH_STEP)[1]

@@ -22,25 +22,17 @@ def fill_facing(points, normals, centre, least, facing):  # pragma: no cover - c
 
 
 @compiled_as_numpy
-def fill_hidden(points, others, centre, cells, found):  # pragma: no cover - compiled
-    """Fill found (V,): which points (V, 3) have one of others (M, 3) before them. cells: `CELL` and `DEPTH_STEP`."""
-    place, depth, cell, nearer, count = _picture(points, others, centre, cells[0])
-    nearest = np.full(count + 1, np.inf)
+def occlusion(points, others, centre, cell_m, step_m):  # pragma: no cover - compiled
+    """Return which points (V, 3) have one of others (M, 3) before them, nearer to a camera's centre by step_m on about the same line of
+    sight, and which of others lie so before any of points.
+    """
+    place, depth, cell, nearer, count = _picture(points, others, centre, cell_m)
+    nearest, furthest = np.full(count + 1, np.inf), np.full(count + 1, -np.inf)
     for n in range(others.shape[0]):
         nearest[cell[n]] = min(nearest[cell[n]], nearer[n])
     for n in range(points.shape[0]):
-        found[n] = depth[n] > nearest[place[n]] + cells[1]
-
-
-@compiled_as_numpy
-def fill_hiding(points, others, centre, cells, found):  # pragma: no cover - compiled
-    """Fill found (M,): which of others lie so before any of points."""
-    place, depth, cell, nearer, count = _picture(points, others, centre, cells[0])
-    furthest = np.full(count + 1, -np.inf)
-    for n in range(points.shape[0]):
         furthest[place[n]] = max(furthest[place[n]], depth[n])
-    for n in range(others.shape[0]):
-        found[n] = nearer[n] + cells[1] < furthest[cell[n]]
+    return depth > nearest[place] + step_m, nearer + step_m < furthest[cell]
 
 
 @compiled_as_numpy
