@@ -112,6 +112,7 @@ def oddities(announced: int, times_ms: Floats[F]) -> list[str]:
 
 
 _CACHE_BYTES = 64 << 20
+_ONWARD = 16  # frames kept while reading goes on: a page shows those that are just tracked
 _TURNED = (
     "asks to be turned by {}°, which is done, also when calibrating. If the calibration was made otherwise, take that mark out "
     "of the file."
@@ -155,9 +156,9 @@ class VideoFile:
         self._announced = announced_frames(self._capture)
         self.size = (first.shape[1], first.shape[0])
         check_size(self.size, expected_size, self.where)
-        self._keep = max(8, _CACHE_BYTES // first.nbytes)
-        self._window = self._keep // 2
-        """frames kept before one that was stepped back to, for further steps back"""
+        self._most = max(8, _CACHE_BYTES // first.nbytes)
+        self._keep = min(_ONWARD, self._most)
+        """frames kept, half of them before the one that is read: more where it was stepped back to, for further steps back"""
         self._remember(0, first)
         self.nominal_fps = float(self._capture.get(cv2.CAP_PROP_FPS))
         """what the container says [1/s]; 0 when it says nothing."""
@@ -206,6 +207,7 @@ class VideoFile:
                 return cached
             if self.audit is not None and frame >= self.audit.count:
                 return None
+            self._keep = self._most if frame < self._next else min(_ONWARD, self._most)
             if not 0 <= frame - self._next <= _CHECKPOINT_EVERY:
                 self._seek(frame)
             return self._decode_to(frame)
@@ -238,7 +240,7 @@ class VideoFile:
 
     def _decode_to(self, frame: int) -> Array | None:
         """Decode up to a frame at or after the position; the last ones on the way stay in the cache."""
-        while self._next < frame - self._window:
+        while self._next < frame - self._keep // 2:
             if not self._capture.grab():
                 return None
             self._next += 1
@@ -258,7 +260,7 @@ class VideoFile:
     def _seek(self, frame: int) -> None:
         """Place the decoder a window before `frame`, at a proven checkpoint, or at the start unless it is before the frame."""
         after = self._next if self._next <= frame else 0
-        found = self._seek_checkpoint(frame - self._window, after)
+        found = self._seek_checkpoint(frame - self._keep // 2, after)
         if not found and not 0 <= self._next <= frame:  # an attempt loses the place
             self._capture.release()
             self._capture = self._open()

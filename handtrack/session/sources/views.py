@@ -478,7 +478,7 @@ _MASK_BYTES_KEPT = 50_000_000
 """of one camera's computed masks, which clouds and the page read beside observations"""
 _POINTS_KEPT = 9_000_000
 """of what clouds have around hands, 240 MB: the estimate of all frames reads each about six times"""
-_WHOLE_POINTS_KEPT = 3_000_000
+_WHOLE_POINTS_KEPT = 1_000_000
 """of all clouds before filtering"""
 
 
