@@ -145,3 +145,5 @@ def test_a_picture_of_a_frame_that_was_left_is_not_shown(bench, page):
     late = snapshots.PictureSnapshot(screen.frame, screens={screen.picture: black})
     bench.stage.show_pictures(late)
     assert screen.image.image.any()
+    side = bench.worker.document.session.view("side")
+    assert CameraPictures().plain(side, 0).max() > 100  # it says that there is no image

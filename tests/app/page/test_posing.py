@@ -24,8 +24,7 @@ def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, page):
     page.press("Camera view: front")
     eventually(lambda: page.client.grip)
     before, session, card = _pose(bench), bench.stage.session, page.view.card
-    bone = session.bone_names.index("ring_metacarpal")
-    palm = before.centre[list(session.ellipsoid_bone).index(bone)]
+    palm = before.centre[_ellipsoid(session, "ring_metacarpal")]
     aim = palm + card.rotation.T @ (0.02, 0.01, 0.05)
     page.drag("/grips/flesh", palm, aim)
     way, ahead = aim - card.centre, card.rotation[2]
@@ -50,15 +49,11 @@ def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench, pa
     before, session = _pose(bench), bench.stage.session
     bench.layout.page.draw("handle", False)  # it stands before the hand, and takes the pointer
     bench.stage.apply()
-    pip = before.joints[session.joint_names.index("index_pip")]
+    at = session.joint_names.index("index_pip")
+    pip = before.joints[at]
     aim = pip + (0.0, -0.006, -0.012)
     page.drag("/grips/free", pip, aim, "shift")
-
-    def reached():
-        there = _pose(bench).joints[session.joint_names.index("index_pip")]
-        return np.linalg.norm(there - aim) < 0.008
-
-    eventually(reached)
+    eventually(lambda: np.linalg.norm(_pose(bench).joints[at] - aim) < 0.008)
     assert _pose(bench).origin == "set" and not _pose(bench).pins
     others = [i for i, n in enumerate(session.parameter_names) if not n.startswith("index")]
     assert_allclose(_pose(bench).values[others], before.values[others], atol=1e-9)

@@ -116,7 +116,10 @@ class CameraPictures:
             grey = _DARK + (_LIGHT - _DARK) * shade
             return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
         width, height = view.camera.size
-        return np.full((height, width, 3), _DARK, np.uint8)
+        nothing, size = np.full((height, width, 3), _DARK, np.uint8), width / 400
+        place = width // 12, height // 6
+        cv2.putText(nothing, "no image", place, cv2.FONT_HERSHEY_SIMPLEX, size, (_LIGHT,) * 3, 2)
+        return nothing
 
 
 CLOSE_SIZE = (640, 480)
