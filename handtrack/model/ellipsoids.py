@@ -37,9 +37,14 @@ class Ellipsoids:
 
     def posed(self, bones: BonePoses) -> Ellipsoids:
         """Return the ellipsoids where the bones have carried them."""
-        ellipsoids, carried = self.rescaled(bones), bones.rotation[self.bone]
-        centre = bones.position[self.bone] + np.einsum("eij,ej->ei", carried, ellipsoids.centre)
-        return Ellipsoids(self.bone, centre, carried @ self.rotation, ellipsoids.radii)
+        turned, radii = bones.rotation[self.bone] @ self.rotation, self.rescaled(bones).radii
+        return Ellipsoids(self.bone, self.centres(bones), turned, radii)
+
+    def centres(self, bones: BonePoses) -> Floats[E, D3]:
+        """Return where the bones have carried the centres, world [m]."""
+        local = bones.rescaled_surface(self.bone, self.centre)
+        turned = np.einsum("eij,ej->ei", bones.rotation[self.bone], local)
+        return bones.position[self.bone] + turned
 
     def rescaled(self, bones: BonePoses) -> Ellipsoids:
         """Return the ellipsoids as large as the bones are."""

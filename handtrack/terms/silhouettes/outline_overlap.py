@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import C, Floats, Ints, N
+from handtrack.arrays import D2, C, Floats, Ints, N
 from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
@@ -45,25 +45,27 @@ def outline_overlap(
     row_step
         Of how many rows one is looked at.
     """
-    whole = [np.arange(len(ellipsoids))]
-    return parts_overlap(silhouettes, ellipsoids, whole, bones, row_step)[0]
+    seen, whole = prepared(silhouettes), [np.arange(len(ellipsoids))]
+    model, both = parts_overlap(seen, ellipsoids, whole, bones, row_step)[0].T
+    return OutlineOverlap(model, np.array([camera.area for camera in seen]), both)
 
 
 def parts_overlap(
-    silhouettes: Sequence[Silhouette | PreparedSilhouette],
+    silhouettes: Sequence[PreparedSilhouette],
     ellipsoids: Ellipsoids,
     parts: Sequence[Ints[N]],
     bones: BonePoses,
     row_step: int = 1,
-) -> list[OutlineOverlap]:
-    """Return the same of each part alone: the ellipsoids of those numbers."""
-    seen, rescaled = prepared(silhouettes), ellipsoids.rescaled(bones)
+) -> Floats[N, C, D2]:
+    """Return for each part alone, the ellipsoids of those numbers, the areas of its outline, and of
+    outline and mask together.
+    """
+    rescaled = ellipsoids.rescaled(bones)
     starts = np.cumsum([0, *map(len, parts)])
     members = np.concatenate([*parts, np.empty(0, np.int64)]).astype(np.int64)
-    areas = np.zeros((len(seen), len(parts), 2))
-    for seen_by, found in zip(seen, areas, strict=True):
-        arrays = rescaled.thicker(seen_by.wider_m).arrays
-        view = seen_by.camera.projection, seen_by.mask
+    areas = np.zeros((len(silhouettes), len(parts), 2))
+    for seen, found in zip(silhouettes, areas, strict=True):
+        arrays = rescaled.thicker(seen.wider_m).arrays
+        view = seen.camera.projection, seen.mask
         overlap_areas(bones.frames, arrays, *view, starts, members, row_step, found)
-    mask = np.array([camera.area for camera in seen])
-    return [OutlineOverlap(areas[:, n, 0], mask, areas[:, n, 1]) for n in range(len(parts))]
+    return areas.swapaxes(0, 1)

@@ -138,18 +138,13 @@ def clip_spans(valid: Array[H, D2], line: Sequence[float]) -> Array[H, D2]:
     if a == 0.0:
         end = np.where(level >= 0, end, begin)
     else:
-        edge = -level / a
-        # the division may round across a whole number: decide the pixel next to it by the sum itself
-        near = np.rint(edge)
+        # the division may round across a whole number: the sum itself decides the pixel next to it
+        near = np.rint(-level / a)
         on_pixel = a * near + level >= 0
         if a > 0:
-            begin = np.maximum(
-                begin, np.where(np.abs(edge - near) < 1e-6, near + ~on_pixel, np.ceil(edge))
-            )
+            begin = np.maximum(begin, near + ~on_pixel)
         else:
-            end = np.minimum(
-                end, np.where(np.abs(edge - near) < 1e-6, near + on_pixel, np.floor(edge) + 1)
-            )
+            end = np.minimum(end, near + on_pixel)
     spans = np.stack([begin, end], axis=1)
     spans[spans[:, 0] >= spans[:, 1]] = 0
     return spans.astype(np.int32)

@@ -158,10 +158,13 @@ class CoverageTerm(FieldTerm):
         super().__init__(silhouettes, ellipsoids, weight, "coverage")
         count = len(self.silhouettes)
         self.band_px = per_camera(band_px, count, "the band's width")
-        centre, least = ellipsoids.posed(bones_at_start).centre, ellipsoids.radii.min(axis=1)
-        own = zip(self.silhouettes, self.band_px, row_steps or (1,) * count, strict=True)
-        self.fields = tuple(
-            _ramp(seen.camera, least, centre, band, antisymmetric, step) for seen, band, step in own
+        self.fields = _ramps(
+            [seen.camera for seen in self.silhouettes],
+            ellipsoids.radii.min(axis=1),
+            ellipsoids.centres(bones_at_start),
+            self.band_px,
+            antisymmetric,
+            row_steps or (1,) * count,
         )
 
     def outline_errors_px(self, bones: Sequence[BonePoses]) -> Floats[C]:
@@ -181,25 +184,26 @@ class CoverageTerm(FieldTerm):
         return np.array(found)
 
 
-def _ramp(
-    camera: Camera,
+def _ramps(
+    cameras: Sequence[Camera],
     least: Floats[E],
     centre: Floats[E, D3],
-    band_px: float,
+    band_px: Sequence[float],
     antisymmetric: bool,
-    step: int,
-) -> CameraField:
-    """Return the ramp whose band is ± band_px wide at the depths of ellipsoids; mathematics: docs/derivations.
+    row_steps: Sequence[int],
+) -> tuple[CameraField, ...]:
+    """Return each camera's ramp, whose band is ± band_px wide at the depths of ellipsoids; mathematics: docs/derivations.
 
     least, centre: minor radii [m], and where they are, world [m].
     """
-    depth = np.maximum(camera.to_camera(centre)[:, 2], least)
-    share = band_px * depth / np.maximum(least * camera.focal_px, 1e-12)
+    focal = np.array([[camera.focal_px] for camera in cameras])
+    depth = np.maximum([camera.to_camera(centre)[:, 2] for camera in cameras], least)
+    share = np.array(band_px)[:, None] * depth / np.maximum(least * focal, 1e-12)
     share = np.minimum(np.maximum(share, _NARROWEST), _WIDEST)
     outer, inner = ramp_levels(share, antisymmetric)
-    levels = np.empty((len(least), 2))
-    levels[:, 0], levels[:, 1] = outer, 1.0 / (inner + outer)
-    return CameraField(camera.projection, levels, 1.0, False, step)
+    levels = np.stack([outer, 1.0 / (inner + outer)], axis=-1)
+    views = zip(cameras, levels, row_steps, strict=True)
+    return tuple(CameraField(c.projection, own, 1.0, False, step) for c, own, step in views)
 
 
 def ramp_levels(share: Floats[E], antisymmetric: bool) -> tuple[Floats[E], Floats[E]]:

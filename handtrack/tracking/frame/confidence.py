@@ -138,8 +138,8 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
     the part's joints where the model has them.
     """
     names, parts, joints = _parts(terms.model)
-    overlaps = parts_overlap(terms.prepared, terms.model.ellipsoids["fine"], parts, bones)
-    model, both = np.array([(found.model, found.both) for found in overlaps]).swapaxes(0, 1)
+    areas = parts_overlap(terms.prepared, terms.model.ellipsoids["fine"], parts, bones)
+    model, both = np.moveaxis(areas, -1, 0)
     inside = np.where(model >= _LEAST_PART_PX, both / model.clip(1.0), 1.0)
     inside[_detected(terms, joints, bones)] = 1.0
     views = np.argsort(inside, axis=1)[:, 1 if inside.shape[1] > 2 else 0]

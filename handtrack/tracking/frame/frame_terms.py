@@ -384,4 +384,6 @@ def by_camera(
 
 def _pixels_per_m(silhouette: Silhouette, start: BonePoses) -> float:
     camera = silhouette.camera
-    return float(camera.pixels_per_m(float(np.median(camera.to_camera(start.position)[:, 2]))))
+    depth = np.sort(camera.to_camera(start.position)[:, 2])
+    middle = 0.5 * (depth[(len(depth) - 1) // 2] + depth[len(depth) // 2])
+    return float(camera.pixels_per_m(middle))

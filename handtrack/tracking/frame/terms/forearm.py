@@ -148,10 +148,11 @@ def forearm_cut(
         bone, axis = model.skeleton.bone("forearm"), np.array([0.0, 1.0, 0.0])
         if model.skeleton.length[bone] < most_m:
             return None
-    wrist, far = camera.project(start.to_world(bone, np.array([[0.0], [most_m]]) * axis))
-    along, long = wrist - far, float(np.linalg.norm(wrist - far))
     hand = _hand(model, start)
-    centre = camera.project(hand.centre)
+    ends = start.to_world(bone, np.array([[0.0], [most_m]]) * axis)
+    pixels = camera.project(np.concatenate([ends, hand.centre]))
+    wrist, far, centre = pixels[0], pixels[1], pixels[2:]
+    along, long = wrist - far, float(np.linalg.norm(wrist - far))
     # seen along the arm, or behind the camera: there is no side to cut off
     if not long > _LEAST_PX or np.isnan(centre).any():
         return None
