@@ -14,6 +14,7 @@ import numpy as np
 from handtrack.arrays import Floats, P, S
 from handtrack.geometry.rotation import closest_equivalent, wrapped
 from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.levenberg_marquardt import SolveSummary, solve
@@ -59,11 +60,12 @@ def solve_frame(task: FrameTask) -> Step:
             return doubted
         params = task.model.solver_params(doubted.result.parameters)
     found, problem, search_due = _descended(task, terms, params)
-    poor = poor_agreement(terms, found.params, POOR)
+    bones = task.model.bones(found.params)
+    poor = poor_agreement(terms, bones, POOR)
     if poor is not None:
         solved = solve_doubted(task, terms, params, poor)[0]
     else:
-        solved = _refined(task, terms, found, problem)
+        solved = _refined(task, terms, found, problem, bones)
     return replace(solved, search_due=search_due)
 
 
@@ -93,13 +95,15 @@ def _descended(
     return summary, problem, bool(why) and not control.searches
 
 
-def _refined(task: FrameTask, terms: FrameTerms, found: SolveSummary, problem: Problem) -> Step:
+def _refined(
+    task: FrameTask, terms: FrameTerms, found: SolveSummary, problem: Problem, bones: BonePoses
+) -> Step:
     """Return the result at the pose that a cloud gives which lies nearer than usual; as found, elsewhere.
 
     Poses are compared before, as energies are: with the same spread for all of them.
     """
     exact = None
-    fine = terms.sharpened(task.model.bones(found.params))
+    fine = terms.sharpened(bones)
     if fine is not terms:
         exact = stage_problem(fine, found.params)
         share = max(task.settings.solver.iterations // fine.stages, 1)
@@ -125,13 +129,13 @@ def may_distrust_depth(terms: FrameTerms) -> bool:
     return terms.model.has_keypoints21 and chosen.model.fallback not in useless
 
 
-def poor_agreement(terms: FrameTerms, params: Floats[P], below: float) -> Agreement | None:
+def poor_agreement(terms: FrameTerms, bones: BonePoses, below: float) -> Agreement | None:
     """Return what is wrong with a cloud that alone must hold the hand and agrees less than that with it at a pose;
     None where all is well.
     """
     if terms.cloud is None or not may_distrust_depth(terms):
         return None
-    found = agreement(terms.cloud, terms.model.bones(params))
+    found = agreement(terms.cloud, bones)
     # of a hand that was measured the depths are right, whatever else the cloud shows; nothing in view: nothing is wrong
     return found if max(found.share, found.measured) < below else None
 
@@ -164,7 +168,7 @@ def solve_doubted(
         solved, origin = Step(_in_whole(model, found, shown)), kind
     pose = model.solver_params(solved.result.parameters)
     least = GOOD if poor is None else POOR
-    poor = poor or poor_agreement(terms, pose, least)
+    poor = poor or poor_agreement(terms, model.bones(pose), least)
     why = "cloud and hand agree again after a poor frame"
     if poor is not None:
         why = f"cloud and hand agree by {poor.share:.2f}, at least {least:g} is asked for"

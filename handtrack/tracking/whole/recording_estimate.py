@@ -382,7 +382,7 @@ def _poor_still(
     still = np.zeros(len(tracked), bool)
     for n in np.flatnonzero(once).tolist():
         terms = likelihood.of(tracked[n].frame).terms
-        still[n] = poor_agreement(terms, poses[n], POOR) is not None
+        still[n] = poor_agreement(terms, terms.model.bones(poses[n]), POOR) is not None
     share = [still[max(n - _BESIDE, 0) : n + _BESIDE + 1].mean() for n in range(len(tracked))]
     return [n for n in range(len(tracked)) if once[n] and share[n] > _STILL]
 

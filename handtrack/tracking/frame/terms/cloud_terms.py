@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, V
+from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, V, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -44,7 +44,7 @@ _SIGHT_STEP_M = 0.004  # between places on a line of sight: the distance map's o
 _AS_OFTEN_AS_NOT = uniform_outliers(0.5, np.sqrt(np.pi / 2))  # a hole costs log 2, wherever it is
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class CloudObservation:
     """The hand's part of a cloud, ready for terms."""
 
@@ -78,7 +78,7 @@ class CloudObservation:
         if few or self.settings.traits.plain_sums:
             return self
         usual_m = self.settings.cloud.sigma_mm * _MM
-        off = np.abs(self.surface.distance(bones, self.prepared.rows))
+        off = _distances(self, bones)
         off = off[off < _EMPTY_FAR_M]  # other things may stand beside a hand
         if not len(off):
             return self
@@ -98,6 +98,12 @@ class CloudObservation:
         kept = visible_from(*mesh.carried(bones), asked, self.objects)
         bone, local = _on_hand(model, mesh, kept)
         return replace(self, emptiness=replace(self.emptiness, bone=bone, local=local))
+
+
+@lru_cache(maxsize=2)  # a solved pose is asked for both its agreement and its spread
+def _distances(seen: CloudObservation, bones: BonePoses) -> Floats[N]:
+    """Return how far each point is from the surface [m]."""
+    return np.abs(seen.surface.distance(bones, seen.prepared.rows))
 
 
 def see_cloud(
@@ -286,12 +292,12 @@ def agreement(seen: CloudObservation, bones: BonePoses) -> Agreement:
     It does not ask how sure the fingers are: those of a fist are hidden even from the best sensor. What is asked is
     whether that was measured which could be.
     """
-    points = seen.prepared.rows
-    off = np.abs(seen.surface.distance(bones, points))
+    off = _distances(seen, bones)
     measured, term = np.nan, seen.emptiness  # of the hand alone
     if term is not None and len(term.bone):
         distances = term.distances
         if _is_doubted(seen.views, seen.settings.cloud):  # those are of lines of sight
+            points = seen.prepared.rows
             distances = distance_map(
                 points, points.min(axis=0) - NEAR_M, points.max(axis=0) + NEAR_M
             )
