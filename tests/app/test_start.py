@@ -110,6 +110,7 @@ def test_recordings_are_cards_with_pictures_and_an_example_opens(start):
         said = lambda: str(list(client.messages))  # noqa: E731
         eventually(lambda: said().count("class='handtrack-card'") >= len(bundled_names()))
         eventually(lambda: "image/jpeg" in said())
+        assert start.folder.value  # whose folders are listed
         client.press("Open another_hand")
         eventually(lambda: start.chosen)
     assert start.wait() == bundled_session("another_hand")

@@ -112,7 +112,7 @@ class StartPage:
             self.folder = gui.add_text(
                 "Folder", "", hint="A session folder, or a folder with a video for each camera."
             )
-            self.listed = gui.add_html("")
+            gui.add_html("<div class='handtrack-queue'></div>")
         with gui.add_folder("Import videos") as self.making:
             self._add_maker(gui)
         gui.main_panel.dock_right()
@@ -185,7 +185,6 @@ class StartPage:
 
     def _go(self, folder: Path) -> None:
         """Show a folder, and what can be made of what lies in it."""
-        self.folder.value = str(folder)
         self._notify("")
         put(self.making, visible=False)
         self._files = None
@@ -199,6 +198,7 @@ class StartPage:
 
     def _list(self, folder: Path) -> None:
         """List the folders and calibrations in a folder, as buttons that lead there."""
+        self.folder.value = str(folder)
         for entry in self._entries:
             entry.remove()
         self._entries = []
@@ -208,10 +208,6 @@ class StartPage:
             inside = []
             self._notify("That folder cannot be read:", str(error.strerror))
         folders = [path for path in inside if path.is_dir()]
-        put(
-            self.listed,
-            content=f"<div class='handtrack-queue'>{escaped(str(folder))}</div>",
-        )
         icon = viser.Icon
         rows: list[tuple[str, viser.IconName, Callable[[], None]]] = []
         if (folder / SESSION_FILE).is_file():

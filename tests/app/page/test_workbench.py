@@ -198,13 +198,9 @@ def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
 def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench, wire):
     history = bench.layout.pose.history
     angle_of = lambda name: np.rad2deg(value_of(bench.state, name))  # noqa: E731
-    for name, angle in (
-        ("index_mcp_flex", 20.0),
-        ("ring_mcp_flex", 30.0),
-        ("thumb_ip_flex", 15.0),
-    ):
+    for name, angle in (("index_mcp_flex", 20.0), ("ring_mcp_flex", 30.0), ("thumb_ip_flex", 15)):
         wire.set_value(bench.layout.pose.sliders[name], angle)
-        eventually(lambda name=name: abs(angle_of(name) - angle) < 0.1, name)  # noqa: B023
+        eventually(lambda: abs(angle_of(name) - angle) < 0.1, name)  # noqa: B023
     eventually(lambda: len(history.options) == 4)  # three steps, and now
     wire.set_value(history, next(one for one in history.options if "Ring" in one))
     eventually(lambda: abs(angle_of("ring_mcp_flex") - 30.0) > 1)
