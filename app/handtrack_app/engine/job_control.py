@@ -128,7 +128,7 @@ def search_notice(candidates: Sequence[PoseEstimate], kind: str) -> Notice:
     best, more = candidates[0], len(candidates) - 1
     text = f"Frame {best.frame}, {100 * best.confidence:.0f} % sure: {best.note}."
     if more:
-        text += f" {more} other {'pose is' if more == 1 else 'poses are'} below and in the scene; a click takes one."
+        text += f" {more} other {'pose is' if more == 1 else 'poses are'} in the tab Pose and in the scene; a click takes one."
     return Notice("done", f"The {kind} is found", text)
 
 
