@@ -61,6 +61,7 @@ def first_bytes(path: Path, count: int = 4096) -> bytes:
         raise HandtrackError(f"{path}: cannot be read ({error.strerror}).") from None
 
 
+_DECIMAL_COMMA = re.compile(r"^(\s*[-+]?\d*),(\d+(?:[eE][-+]?\d+)?\s*)$")
 _LONGEST_WHOLE = 18  # digits: what 64 bits hold; longer ones become floats
 
 
@@ -119,12 +120,18 @@ def read_xml(path: Path, what: str) -> ElementTree.Element:
 
 
 def read_rows(text: str, where: str, separator: str = "") -> list[list[str]]:
-    """Return the rows of a table; separator: comma, semicolon or tab as it is there, unless given. Raises HandtrackError."""
-    chosen = separator or max(",;\t", key=text[:4096].count)
+    """Return the rows of a table. Raises HandtrackError.
+
+    separator: unless given, comma, semicolon or tab, as the first line has it. Between semicolons, decimal commas become points.
+    """
+    chosen = separator or max(",;\t", key=text[:4096].lstrip().partition("\n")[0].count)
     try:
-        return list(csv.reader(io.StringIO(text), delimiter=chosen))
+        rows = list(csv.reader(io.StringIO(text), delimiter=chosen))
     except csv.Error as error:
         raise HandtrackError(f"{where}: no readable table ({error}).") from None
+    if chosen != ";" or "," not in text:
+        return rows
+    return [[_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in row] for row in rows]
 
 
 def column_of(head: Sequence[str], names: str) -> int | None:

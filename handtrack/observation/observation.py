@@ -287,7 +287,7 @@ class Observation:
 
         Raises
         ------
-        HandtrackError for a name that is no camera's, and for cameras of different numbers of frames.
+        HandtrackError for a name that is no camera's, for cameras of different numbers of frames, and for no rate.
         """
         known = {camera.name: camera for camera in cameras}
         unknown = next((name for name in masks if name not in known), None)
@@ -297,6 +297,8 @@ class Observation:
         if len(set(counts.values())) > 1:
             told = ", ".join(f"{name} {count}" for name, count in counts.items())
             raise HandtrackError(f"masks of different numbers of frames: {told}; expected as many.")
+        if not 0 < fps < np.inf:
+            raise HandtrackError(f"fps = {fps}; expected a number of frames a second above 0.")
         return [
             cls(f, f / fps, tuple(Silhouette(known[name], of[f]) for name, of in masks.items()))
             for f in range(max(counts.values(), default=0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import shlex
 import shutil
 import threading
 from collections.abc import Mapping
@@ -253,6 +254,7 @@ def _note(names: list[str]) -> str:
 
 
 _WAITING = 90  # frames that wait to be encoded, before who makes frames waits as well
+_LEAST_FREE = 1 << 26  # bytes of disk: when it is full, OpenCV says nothing
 _TIMES_FILE = "timestamps.csv"
 
 
@@ -334,7 +336,7 @@ class LiveRecording:
                 f"{self.folder}: the recording is not complete ({error.strerror}); its videos are there."
             ) from None
         poses = f" with {len(self._results)} poses" if self._results else ""
-        return f"{self.count} frames{poses} are in {self.folder}; open it with: handtrack open {self.folder}.{self._odd()}"
+        return f"{self.count} frames{poses} are in {self.folder}; open it with: handtrack open {shlex.quote(str(self.folder))}.{self._odd()}"
 
     def _odd(self) -> str:
         some = (
@@ -411,7 +413,7 @@ class LiveRecording:
             writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, size)
             self._writers[name] = writer
             self._counts[name] = 0
-        if not writer.isOpened():
+        if not writer.isOpened() or shutil.disk_usage(self.folder).free < _LEAST_FREE:
             return False
         writer.write(image)
         self._counts[name] += 1

@@ -19,6 +19,7 @@ from handtrack.capture.images.openpose import LAYOUTS, Layout
 from handtrack.capture.joints.given_joints import write_joints
 from handtrack.capture.joints.joint_names import NAMED
 from handtrack.errors import HandtrackError
+from handtrack.files.films import check_film
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import looking_along
 from handtrack.model.articulated import ArticulatedModel
@@ -216,6 +217,7 @@ def _render_all(
                 progress(c * len(poses) + frame + 1, len(poses) * len(rig.cameras))
         if video is not None:
             video.release()
+            check_film(folder / f"{camera.name}.mp4", len(poses))
     write_clouds(folder, clouds)
 
 

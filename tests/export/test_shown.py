@@ -1,5 +1,6 @@
 """What is looked at: a page that plays, a report, a film over the images. Opened by other programs, without network."""
 
+import resource
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +16,8 @@ from tests.sample_track import posed_frame
 
 
 def test_a_film_has_a_picture_a_frame_by_another_programs_count(tmp_path):
-    """Counted by PyAV, that is FFmpeg; each picture differs from the one before and is as the session's cameras see it."""
+    """Counted by PyAV, that is FFmpeg; each picture differs from the one before and is as the session's cameras see it. Where the
+    disk ends, the film before stays."""
     av = library("av")
     folder = bundled_session("open_fist_open")
     track = _moved_a_little(folder, 4)
@@ -28,6 +30,15 @@ def test_a_film_has_a_picture_a_frame_by_another_programs_count(tmp_path):
     assert rate == pytest.approx(table.fps, rel=1e-3)
     assert pictures[0].shape[0] == 480
     assert all(np.abs(a.astype(int) - b).max() > 20 for a, b in pairwise(pictures))
+    kind = resource.RLIMIT_FSIZE
+    before = resource.getrlimit(kind)
+    resource.setrlimit(kind, (4096, before[1]))
+    try:
+        with pytest.raises(OSError, match="space"):
+            export_format("mp4").write(path, table)
+    finally:
+        resource.setrlimit(kind, before)
+    assert path.stat().st_size > 4096
 
 
 def _moved_a_little(folder, count):

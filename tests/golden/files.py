@@ -19,19 +19,7 @@ from tests.sample_track import hand_track
 HERE = Path(__file__).parent
 FOLDER, RECORDING = HERE / "files", HERE / "recorded"
 POSES, POSES_2 = "poses.npz", "poses_2.npz"
-TEXTS = (
-    "csv",
-    "csv-long",
-    "trc",
-    "mot",
-    "bvh",
-    "bvh-humanik",
-    "urdf",
-    "osim",
-    "openpose",
-    "mediapipe",
-    "anipose",
-)
+TEXTS = "csv csv-long trc mot bvh bvh-humanik urdf osim openpose mediapipe anipose"
 FRAMES = 2
 AGAIN = (
     "A promise: others read these files. If it is to change, record them anew with `python -m tests.golden.files`, look at the "
@@ -43,7 +31,7 @@ def written(poses: Path, folder: Path) -> list[Path]:
     """Export a result in every format of text; return the files."""
     table = ResultsTable.read(poses, None)
     files: list[Path] = []
-    for name in TEXTS:
+    for name in TEXTS.split():
         known = export_format(name)
         files += known.write(folder / f"{name}{known.suffix}", table)
     return files

@@ -154,6 +154,10 @@ def test_a_recording_of_masks_becomes_observations_in_one_call():
     sequence = Observation.sequence(cameras, masks, fps=10.0)
     assert [(o.frame, o.time_s) for o in sequence] == [(0, 0.0), (1, 0.1), (2, 0.2)]
     assert sequence[1].silhouettes[0].mask.sum() == 30
-    for wrong, words in (({**masks, "right": masks["right"][:2]}, "left 3, right 2"), ({"middle": masks["left"]}, "middle")):  # fmt: skip
+    for wrong, fps, words in (
+        ({**masks, "right": masks["right"][:2]}, 1, "left 3, right 2"),
+        ({"middle": masks["left"]}, 1, "middle"),
+        (masks, 0, "fps"),
+    ):
         with pytest.raises(HandtrackError, match=words):
-            Observation.sequence(cameras, wrong)
+            Observation.sequence(cameras, wrong, fps)

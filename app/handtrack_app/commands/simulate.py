@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -14,6 +15,7 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model, read_scale
 from handtrack.session.formats.tables import write_npz
+from handtrack.session.layout import POSES_FILE
 from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.motion_files.clip import MotionClip
 from handtrack.simulation.motion_files.read_motion import (
@@ -100,7 +102,7 @@ def run(options: Namespace) -> Answer:
             bar.update()
 
         simulate(folder, what, show, known)
-    words = f"simulated session in {options.out}; open it with: handtrack open {options.out}"
+    words = f"simulated session in {options.out}; open it with: handtrack open {shlex.quote(str(options.out))}"
     report = {"session": options.out, "frames": frames, "cameras": options.cameras}
     return Answer(report, [words])
 
@@ -157,8 +159,9 @@ def retarget(options: Namespace) -> Answer:
         "median of each joint [mm]: " + ", ".join(f"{joint} {mm:g}" for joint, mm in table.items()),
     ]
     if not is_file:
+        folder, poses = (shlex.quote(str(path)) for path in (options.out, options.out / POSES_FILE))
         lines.append(
-            f"Open it with: handtrack open {options.out}; export it with: handtrack export {options.out}/tracks/poses.npz --to FORMAT"
+            f"Open it with: handtrack open {folder}; export it with: handtrack export {poses} --to FORMAT"
         )
     report = {
         "out": options.out, "model": name, "frames": len(motion.params), "fps": clip.fps, "scale": motion.model.scale.overall,

@@ -13,6 +13,7 @@ from handtrack.errors import HandtrackError
 from handtrack.export.shown.mesh import joint_links
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
+from handtrack.files.films import check_film
 from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.session.session import Session
@@ -73,11 +74,12 @@ def write(path: Path, table: ResultsTable) -> None:
                 film = cv2.VideoWriter(str(part), code, table.fps, size)
                 if not film.isOpened():
                     raise HandtrackError(
-                        f"{path}: OpenCV here cannot write {_CODEC} films; install opencv-python-headless as pip has it."
+                        f"{path}: OpenCV here cannot write {_CODEC} films. If the disk is not full, install opencv-python-headless as pip has it."
                     )
             film.write(picture)
         assert film is not None, "a track has frames"
         film.release()
+        check_film(part, len(track))
 
 
 _Drawn = tuple[Ellipsoids, Floats[J, D3], list[tuple[int, int]]]

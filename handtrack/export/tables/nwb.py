@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import uuid
 from datetime import UTC, datetime
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ def write(path: Path, table: ResultsTable) -> None:
     what archives ask for; without it the subject is a person of unknown age and sex, and the begin of the session is when its
     poses were written.
     """
+    import h5py
     import ndx_pose  # pyright: ignore[reportMissingImports]
     import pynwb  # pyright: ignore[reportMissingImports]
 
@@ -84,8 +86,11 @@ def write(path: Path, table: ResultsTable) -> None:
                     **times,
                 )
             )
-    with replacing(path) as part, whole.NWBHDF5IO(str(part), "w") as writer:
+    held = BytesIO()  # HDF5 itself may end the process where a disk is full
+    with h5py.File(held, "w") as target, whole.NWBHDF5IO(file=target, mode="w") as writer:
         writer.write(file)
+    with replacing(path) as part:
+        part.write_bytes(held.getvalue())
 
 
 def _times(table: ResultsTable) -> dict[str, Any]:

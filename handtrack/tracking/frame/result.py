@@ -316,9 +316,10 @@ class TrackLabels:
         return cls(*names, version=VERSION, **more)
 
     def track(self, frames: Iterable[FrameResult]) -> TrackResult:
-        """Return frames, at least one, as one result, ascending; of several of one number the last counts."""
+        """Return frames as one result, ascending; of several of one number the last counts. Raises HandtrackError for none."""
         latest = {one.frame: one for one in frames}
-        assert latest, "no frames"
+        if not latest:
+            raise HandtrackError("no frame was tracked; a result holds at least one.")
         frames = [latest[number] for number in sorted(latest)]
         own = {entry.name: getattr(self, entry.name) for entry in fields(TrackLabels)}
         track = TrackResult(**own | stacked(FIELDS, frames))

@@ -124,14 +124,8 @@ def test_options_of_track_are_followed_and_told_as_json(handtrack, session, tmp_
     track = read_npz(out)
     assert track.frame.tolist() == [2, 3] and track.parameters.shape == (2, 26)
     settings = json.loads(track.settings)
-    names = (
-        "solver.iterations",
-        "keypoints.weight",
-        "model.coupling",
-        "tracker.seed",
-        "tracker.recovery",
-    )
-    assert [settings[name] for name in names] == [7, 0, "18", 3, False]
+    names = "solver.iterations keypoints.weight model.coupling tracker.seed tracker.recovery"
+    assert [settings[name] for name in names.split()] == [7, 0, "18", 3, False]
 
 
 def test_a_disk_that_fills_up_does_not_cost_the_result(handtrack, session, monkeypatch):

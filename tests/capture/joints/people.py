@@ -70,12 +70,12 @@ LAYOUTS_OF = {
     "coco_coco17": "coco17", "coco_halpe26": "halpe26", "mmpose": "halpe26", "mediapipe": "mediapipe33",
     "mediapipe_csv": "mediapipe33", "deeplabcut_csv": "body22", "long_csv": "body22", "sleap_h5": "body22",
 }  # fmt: skip
-OPENPOSE = ("body_25", "body_25b", "coco17", "coco18", "halpe26", "coco133", "mediapipe33")
+OPENPOSE = "body_25 body_25b coco17 coco18 halpe26 coco133 mediapipe33"
 
 
 def person_in(form: str, folder: Path) -> tuple[Path, str]:
     """Return a file with the person of `pixels()`, confidence 0.8, and the layout that is to be recognised."""
-    if form in OPENPOSE:
+    if form in OPENPOSE.split():
         seen = {i: [in_order(form, points)] for i, points in enumerate(pixels())}
         return openpose(folder / "op", seen), form
     (path,) = sample(f"bodies/{form}", folder)

@@ -33,7 +33,7 @@ SQUARES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("form", [*OPENPOSE, *LAYOUTS_OF])
+@pytest.mark.parametrize("form", [*OPENPOSE.split(), *LAYOUTS_OF])
 def test_the_layout_is_recognised_and_points_are_kept(form, tmp_path):
     path, expected = person_in(form, tmp_path)
     given = read_joints(str(path), "it")

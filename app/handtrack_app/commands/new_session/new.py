@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
@@ -168,13 +169,14 @@ def make_session(options: Namespace) -> int | Answer:
         write_session_file(folder / SESSION_FILE, file)
     if roots:
         allow_links(options.out, roots)
+    place = shlex.quote(str(options.out))
     made = (
         f"session of {len(cameras)} cameras and {count} frames of a {kind.word} in {options.out}."
     )
     if not options.track:
         if observed and options.masks in (None, Seeded.name) and not missing:
             print_status(
-                f"Joints, and masks by them, are found with: handtrack detect {options.out} --write --masks"
+                f"Joints, and masks by them, are found with: handtrack detect {place} --write --masks"
             )
         report = {
             "session": options.out,
@@ -183,8 +185,8 @@ def make_session(options: Namespace) -> int | Answer:
             "model": hand.model,
         }
         words = (
-            f"{made} Look at it with: handtrack doctor {options.out}; then track it with: handtrack track {options.out} --init auto, "
-            f"or pose the {kind.word} by hand with: handtrack open {options.out}"
+            f"{made} Look at it with: handtrack doctor {place}; then track it with: handtrack track {place} --init auto, "
+            f"or pose the {kind.word} by hand with: handtrack open {place}"
         )
         return Answer(report, [words])
     print_status(made)
@@ -280,5 +282,5 @@ def save_sample(name: str, to: Path) -> Answer:
     shown = ", ".join(map(str, files[:6])) + (" …" if len(files) > 6 else "")
     words = [f"{len(files)} files in {to}: {shown}"]
     if name != TWO_VIDEOS:
-        words.append(f"Open it with: handtrack open {to}")
+        words.append(f"Open it with: handtrack open {shlex.quote(str(to))}")
     return Answer({"sample": name, "folder": to, "files": files}, words)
