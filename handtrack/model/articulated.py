@@ -13,7 +13,6 @@ import numpy as np
 from msgspec import Meta
 
 from handtrack.arrays import (
-    D2,
     D3,
     D6,
     D21,
@@ -226,8 +225,8 @@ class ArticulatedModel:
         """Return, for bones of any shape, whether they are the forearm."""
         return bone == (self.skeleton.bone("forearm") if self.has_forearm else -1)
 
-    def joint_params(self, params: Floats[P]) -> Floats[S]:
-        """Return the joint parameters of solver parameters."""
+    def joint_params(self, params: Floats[*Axes]) -> Floats[*Axes]:
+        """Return the joint parameters (…, S) of solver parameters (…, P)."""
         return self.transform.joint_params(params)
 
     def solver_params(self, joint_params: Floats[S]) -> Floats[P]:
@@ -249,14 +248,14 @@ class ArticulatedModel:
         """The solver parameters' limits, and what they move with."""
         return moving_limits(self.limits, self.transform)
 
-    def bounds(self, params: Floats[P]) -> Floats[P, D2]:
-        """Return the solver parameters' limits that hold at params."""
+    def bounds(self, params: Floats[*Axes]) -> Floats[*Axes]:
+        """Return the solver parameters' limits (…, P, 2) that hold at params (…, P)."""
         return self.transform.reduce_bounds(self.limits.bounds(self.joint_params(params)))
 
-    def clipped(self, params: Floats[P]) -> Floats[P]:
-        """Return params moved into their limits."""
+    def clipped(self, params: Floats[*Axes]) -> Floats[*Axes]:
+        """Return params (…, P) moved into their limits."""
         bounds = self.bounds(params)
-        return np.clip(params, bounds[:, 0], bounds[:, 1])
+        return np.clip(params, bounds[..., 0], bounds[..., 1])
 
     @cached_property
     def driving_joints(self) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D2, Array, Floats, Ints, K, P, S
+from handtrack.arrays import Array, Axes, Floats, Ints, K, P, S
 from handtrack.errors import HandtrackError, check_name
 
 
@@ -20,9 +20,9 @@ class ParameterTransform:
     """(P,) solver parameters."""
     matrix: Floats[S, P]
 
-    def joint_params(self, params: Floats[P]) -> Floats[S]:
-        """Return the joint parameters of solver parameters."""
-        return self.matrix @ params
+    def joint_params(self, params: Floats[*Axes]) -> Floats[*Axes]:
+        """Return the joint parameters (…, S) of solver parameters (…, P)."""
+        return params @ self.matrix.T
 
     def solver_params(self, joint_params: Floats[S], given: Array[S] | None = None) -> Floats[P]:
         """Return the solver parameters closest, in least squares, to joint parameters.
@@ -38,21 +38,21 @@ class ParameterTransform:
         pull = np.bincount(leader, weight * joint_params[joint], len(self.names))
         return pull / np.where(weights > 0.0, weights, 1.0)
 
-    def reduce_bounds(self, bounds: Floats[S, D2]) -> Floats[P, D2]:
-        """Return bounds that keep all joint parameters within `bounds`.
+    def reduce_bounds(self, bounds: Floats[*Axes]) -> Floats[*Axes]:
+        """Return bounds (…, P, 2) that keep all joint parameters within `bounds` (…, S, 2).
 
         A solver parameter that leads several joints gets the intersection of their intervals, each
         divided by its ratio. An empty intersection (possible only for odd limits) collapses to its middle.
         """
         joint, leader, ratio = self.links
-        ends = bounds[joint] / ratio[:, None]
-        low, high = np.full(len(self.names), -np.inf), np.full(len(self.names), np.inf)
-        np.maximum.at(low, leader, ends.min(axis=1))
-        np.minimum.at(high, leader, ends.max(axis=1))
+        ends, shape = bounds[..., joint, :] / ratio[:, None], (*bounds.shape[:-2], len(self.names))
+        low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
+        np.maximum.at(low.T, leader, ends.min(axis=-1).T)
+        np.minimum.at(high.T, leader, ends.max(axis=-1).T)
         empty = low > high
         middle = 0.5 * (low[empty] + high[empty])
         low[empty], high[empty] = middle, middle
-        return np.stack([low, high], axis=1)
+        return np.stack([low, high], axis=-1)
 
     @cached_property
     def links(self) -> tuple[Ints[K], Ints[K], Floats[K]]:

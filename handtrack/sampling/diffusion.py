@@ -47,4 +47,4 @@ def long_tailed(
 def projected(model: ArticulatedModel, samples: Floats[N, P]) -> Floats[N, P]:
     """Return samples moved into their limits, also into those that narrow with another parameter."""
     # twice: a parameter that narrows another one may itself have been moved
-    return np.array([model.clipped(model.clipped(row)) for row in samples]).reshape(samples.shape)
+    return model.clipped(model.clipped(samples))

@@ -219,12 +219,12 @@ def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
     pose = HAND.rest_params()[None]
     for k, (camera, corrected) in enumerate(zip(cameras.cameras, cameras.corrected(), strict=True)):
         # a zoom is true to its share of the hand's own depth: 5 % of 0.1 m at 0.5 m, a hundredth of the picture
-        seen = HAND.bones(cameras.camera_poses(k, pose, np.zeros_like(pose)).poses[0])
+        seen = HAND.bones(cameras.views(pose, np.zeros_like(pose))[k].poses[0])
         off = camera.project(seen.position) - corrected.project(bones.position)
         size = np.ptp(corrected.project(bones.position), axis=0).max()
         assert np.abs(off - off.mean(axis=0)).max() < 0.01 * size
         cameras.values[k, 6] = 0.0
-        seen = HAND.bones(cameras.camera_poses(k, pose, np.zeros_like(pose)).poses[0])
+        seen = HAND.bones(cameras.views(pose, np.zeros_like(pose))[k].poses[0])
         assert_allclose(
             camera.project(seen.position), cameras.corrected()[k].project(bones.position), atol=1e-9
         )

@@ -146,8 +146,11 @@ class CameraChanges:
         return round(float(np.sum(self.cloud * np.array(self.ahead))))
 
     def views(self, poses: Floats[F, P], velocity: Floats[F, P]) -> list[CameraPoses]:
-        """Return how each camera sees the hand; last how clouds do, whose time changes with their cameras'."""
-        found = [self.camera_poses(k, poses, velocity) for k in range(len(self.cameras))]
+        """Return how each camera sees the hand; last how clouds do, whose time changes with their cameras'.
+
+        velocity: of the poses [a frame], as `pose_changes.moved` takes it.
+        """
+        found = self._camera_poses(poses, velocity) if self.cameras else []
         if np.any(self.cloud):
             on = self.moments(len(poses))[-1][:, None] * velocity
             by_pose = np.tile(np.eye(6), (len(poses), 1, 1))
@@ -159,38 +162,38 @@ class CameraChanges:
             found.append(CameraPoses(moved(poses, on), by_pose, by_camera, 0.0, none, 0))
         return found
 
-    def camera_poses(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> CameraPoses:
-        """Return how a camera sees the hand; velocity: of the poses [a frame], as `pose_changes.moved` takes it."""
-        values, seen = self.values[camera], self.cameras[camera]
-        on = self.moments(len(poses))[camera, :, None] * velocity
+    def _camera_poses(self, poses: Floats[F, P], velocity: Floats[F, P]) -> list[CameraPoses]:
+        """Return how each camera sees the hand; all are found at once, in arrays (C, F, …)."""
+        values = self.values[:, None]
+        on = self.moments(len(poses))[:-1, :, None] * velocity
         then = moved(poses, on)
-        turn, axis = rotation_matrix(values[TURNED]), seen.rotation[2]
-        zoom = np.eye(3) - values[ZOOMED] * np.outer(axis, axis)
-        arm = (then[:, PLACE] - seen.centre) @ turn.T
-        step = np.zeros_like(poses)
-        step[:, TURN] = values[TURNED]
+        centre = np.array([[camera.centre] for camera in self.cameras])
+        axis = np.array([[camera.rotation[2]] for camera in self.cameras])
+        across = np.swapaxes(axis, 1, 2)
+        turn, turned = rotation_matrix(values[..., TURNED]), left_jacobian(values[..., TURNED])
+        zoom = np.eye(3) - values[..., ZOOMED, None, None] * (across * axis)[:, None]
+        arm = (then[..., PLACE] - centre) @ np.swapaxes(turn[:, 0], 1, 2)
+        step = np.zeros_like(then)
+        step[..., TURN] = values[..., TURNED]
         found = moved(then, step)
-        found[:, PLACE] = seen.centre + values[SHIFTED] + arm @ zoom.T
-        by_pose = np.zeros((len(poses), 6, 6))
-        by_pose[:, PLACE, PLACE] = zoom @ turn
-        by_pose[:, TURN, TURN] = turn @ rotation_matrix(on[:, TURN])
-        by_camera = np.zeros((*poses.shape, NUMBERS))
-        turned = left_jacobian(values[TURNED])
-        by_camera[:, PLACE, TURNED] = -zoom @ skew(arm) @ turned
-        by_camera[:, TURN, TURNED] = turned
-        by_camera[:, PLACE, SHIFTED] = np.eye(3)
-        by_camera[:, PLACE, ZOOMED] = -np.outer(arm @ axis, axis)
-        by_camera[:, :, LATE] = velocity
-        by_camera[:, PLACE, LATE] = velocity[:, PLACE] @ (zoom @ turn).T
-        by_camera[:, TURN, LATE] = velocity[:, TURN] @ turn.T
-        return CameraPoses(
-            found,
-            by_pose,
-            by_camera[:, :, self.free],
-            float(values[WIDER]),
-            OUTLINE[self.free].astype(float),
-            camera * int(self.free.sum()),
-        )
+        found[..., PLACE] = centre + values[..., SHIFTED] + arm @ np.swapaxes(zoom[:, 0], 1, 2)
+        by_pose = np.zeros((*then.shape[:2], 6, 6))
+        by_pose[..., PLACE, PLACE] = zoom @ turn
+        by_pose[..., TURN, TURN] = turn @ rotation_matrix(on[..., TURN])
+        by_camera = np.zeros((*then.shape, NUMBERS))
+        by_camera[..., PLACE, TURNED] = -zoom @ skew(arm) @ turned
+        by_camera[..., TURN, TURNED] = turned
+        by_camera[..., PLACE, SHIFTED] = np.eye(3)
+        by_camera[..., PLACE, ZOOMED] = -(arm @ across) * axis
+        by_camera[..., LATE] = velocity
+        by_camera[..., PLACE, LATE] = velocity[:, PLACE] @ np.swapaxes((zoom @ turn)[:, 0], 1, 2)
+        by_camera[..., TURN, LATE] = velocity[:, TURN] @ np.swapaxes(turn[:, 0], 1, 2)
+        by_camera, by_outline = by_camera[..., self.free], OUTLINE[self.free].astype(float)
+        wider, first = self.values[:, WIDER].tolist(), int(self.free.sum())
+        return [
+            CameraPoses(found[k], by_pose[k], by_camera[k], wider[k], by_outline, first * k)
+            for k in range(len(self.cameras))
+        ]
 
     def moments(self, frames: int) -> Floats[L, F]:
         """Return how much later than a frame each camera saw the image that is looked at beside it, and last when a cloud was measured, of so many frames."""

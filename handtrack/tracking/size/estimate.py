@@ -223,8 +223,7 @@ class _Swept:
     @cached_property
     def bounds(self) -> Floats[F, P, D2]:
         """Between which the poses may be."""
-        model = self.shared.person.parameters.model
-        return np.array([model.bounds(pose) for pose in self.poses])
+        return self.shared.person.parameters.model.bounds(self.poses)
 
     @property
     def costs(self) -> Floats[F]:
@@ -301,7 +300,7 @@ def estimate_whole(
             report((sweep + (first + len(some)) / len(order)) / (sweeps + 1))
         return _Swept(poses, shared, frames_per_sample, systems)
 
-    best = swept(_within(model, poses))
+    best = swept(model.clipped(poses))
     for sweep in range(1, sweeps + 1):
         for _ in range(_MOTIONS if sweep <= _MOTION_SWEEPS else 0):
             if motion is None or usual is None:
@@ -323,7 +322,7 @@ def estimate_whole(
             raise StoppedError
         del system  # of a long recording as large as what all frames say
         likelihood = likelihood.sharing(best.shared.stepped(change))
-        found = swept(_within(model, moved(best.poses, step)), ahead)
+        found = swept(model.clipped(moved(best.poses, step)), ahead)
         gain = best.cost(motion) - found.cost(motion)
         # where the parabola is lowest that has the cost's slope, and its gain at this step
         best_length = 0.5 * length * slope / (slope - gain) if gain < slope else _LONGEST
@@ -347,7 +346,7 @@ def estimate_whole(
         nearer = cameras.earlier(common).whole_frames()
         if nearer.ahead != cameras.ahead or (common and (ends or sweep == sweeps)):
             likelihood = likelihood.sharing(best.shared.through(nearer))
-            best = swept(_within(model, moved(best.poses, common * velocities(best.poses))))
+            best = swept(model.clipped(moved(best.poses, common * velocities(best.poses))))
             ends &= nearer.ahead == cameras.ahead
         if ends:
             why = "converged"
@@ -465,7 +464,3 @@ def _system(
     corner = np.where(held | held[:, None], np.diag(np.diag(corner)), corner)
     right = np.where(free, -gradient, 0.0), np.where(held, 0.0, -pull)
     return Bordered.of(blocks, border, corner), right
-
-
-def _within(model: ArticulatedModel, poses: Floats[F, P]) -> Floats[F, P]:
-    return np.array([model.clipped(pose) for pose in poses])
