@@ -99,9 +99,6 @@ CASES: dict[str, Case] = {
         shared("d405_real_stereo"), "--use keypoints --set tracker.hypotheses=8 --frames 0:8"
     ),
     "body_hypotheses_4": Case(simulated_body, "--set tracker.hypotheses=4"),
-    "paper2003": Case(copied("open_fist_open"), "--set method=paper2003 --frames 0:5"),
-    "paper2004": Case(shared("webxr_depth_640"), "--set method=paper2004 --frames 0:5"),
-    "paper2007": Case(copied("open_fist_open"), "--set method=paper2007 --frames 0:12"),
     "fallback_glove9": Case(poor_depth, "--use cloud --set model.fallback=glove9 --frames 0:12"),
     "fallback_auto": Case(poor_depth, "--use cloud --frames 0:12"),
     "edges_intensity": Case(

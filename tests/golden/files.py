@@ -22,8 +22,8 @@ POSES, POSES_2 = "poses.npz", "poses_2.npz"
 TEXTS = "csv csv-long trc mot bvh bvh-humanik urdf osim openpose mediapipe anipose"
 FRAMES = 2
 AGAIN = (
-    "A promise: others read these files. If it is to change, record them anew with `python -m tests.golden.files`, look at the "
-    "difference, and tell it in docs/changelog.md"
+    "Others read these files, and results are a promise. If one is to change, record it anew with `python -m tests.golden.files` or "
+    "`tests.golden.results`, look at the difference, and tell it in docs/changelog.md"
 )
 
 

@@ -32,6 +32,7 @@ from tests.golden.files import (
     written,
 )
 from tests.golden.meaning import differences, meaning
+from tests.golden.results import RESULTS, SCENES, tracked
 
 PICTURES = (".png",)
 """of a recording: they are what was seen, not what we write"""
@@ -125,3 +126,8 @@ def test_a_recordings_files_are_what_they_were(recorded_now, name):
     else:
         before, after = RECORDING / name, recorded_now / name
     assert_the_same(meaning(before), meaning(after), name)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_small_recordings_results_are_what_they_were(tmp_path, scene):
+    assert_the_same(meaning(RESULTS / f"{scene}.npz"), meaning(tracked(scene, tmp_path)), scene)
