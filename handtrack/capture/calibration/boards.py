@@ -309,6 +309,8 @@ def _png(board: Board, dpi: float) -> bytes:
 
 _FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 _LARGE = 2000  # [px] longer side above which corners are first looked for in a half-size image
+_LEAST_AROUND = 0.08
+"""of the contrast within the corners, that of the squares around them: in photographs with shadows it is 0.16 and more"""
 _LEAST_CORNERS = 8  # of a ChArUco board that is partly seen; a pose needs four, a check more
 
 
@@ -435,12 +437,30 @@ def _mirrored(grid: Floats) -> bool:
 
 
 def _black_first(gray: Bytes, grid: Floats) -> bool:
-    """Whether the squares like the one between the first four corners are darker than the others."""
+    """Whether the squares like the one between the first four corners are darker than the others, also those all around the corners.
+
+    Around them nothing alternates where corners of the board's outline were taken for a row of it, whose other end is out of view.
+    """
+    for axis in (0, 1):
+        first, second, before, last = (grid.take([k], axis) for k in (0, 1, -2, -1))
+        grid = np.concatenate([2 * first - second, grid, 2 * last - before], axis)
     centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
     smooth, at = cv2.GaussianBlur(gray, (3, 3), 0), centres.astype(np.float32)
     value = cv2.remap(smooth, at, None, cv2.INTER_NEAREST)  # type: ignore[call-overload]
     like_first = np.indices(value.shape).sum(axis=0) % 2 == 0
-    return bool(value[like_first].mean() < value[~like_first].mean())
+    in_view = np.all((centres >= 0) & (centres <= np.array(gray.shape[::-1]) - 1), axis=-1)
+    dark, light = in_view & like_first, in_view & ~like_first
+
+    def contrast(*part: slice | int) -> float:
+        """Return by how much the first's like are darker in a part; infinite where too little is in view."""
+        if min(dark[part].sum(), light[part].sum()) < 2:
+            return np.inf
+        return float(value[part][light[part]].mean() - value[part][dark[part]].mean())
+
+    every = slice(None)
+    inside = contrast(slice(1, -1), slice(1, -1))
+    around = contrast(0), contrast(-1), contrast(every, 0), contrast(every, -1)
+    return inside > 0 and min(around) > _LEAST_AROUND * inside
 
 
 def _blur(gray: Bytes, board: Board, ids: Ints, pixels: Floats) -> float:
