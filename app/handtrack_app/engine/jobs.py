@@ -21,6 +21,10 @@ _STAGES = {"": "{}", "size": "Fitting the size: {}", "refine": "Refining all fra
 _GIVES_WAY_S = 0.3
 """that a job waits after each place to which somebody moves the hand; a page sends one every 0.05 s, and each is to be answered
 before the next"""
+_FIRST_STEPS, _ETA_SHARE = 3, 0.03
+"""of a stage's progress: the steps that may compile or load caches, and the share after them that tells how long the rest takes.
+Before, it would say minutes for seconds
+"""
 
 
 class BackgroundJob(Observer):
@@ -84,9 +88,11 @@ class BackgroundJob(Observer):
 
     def eta_s(self) -> float:
         """Return the expected seconds left; 0 while unknown. What comes first, and may compile, does not count."""
-        then, first = self._since or (0.0, self.share)
+        then, first = self._since
         gained = self.share - first
-        return (self.worked_s - then) / gained * (1.0 - self.share) if gained > 0 else 0.0
+        if gained < _ETA_SHARE:
+            return 0.0
+        return (self.worked_s - then) / gained * (1.0 - self.share)
 
     def should_stop(self) -> bool:
         while self._hold.is_set() or time.monotonic() < self._way_until:
@@ -112,12 +118,13 @@ class BackgroundJob(Observer):
     def begin_stage(self, stage: str = "") -> None:
         """Begin another stage; the time that is left is that of a stage. stage: as of `progress`."""
         self.stage, self.share, self.words = stage, 0.0, ""
-        self._since: tuple[float, float] | None = None
-        """when the stage first told a share, and which"""
+        self._steps, self._since = 0, (0.0, 0.0)
+        """how often the share grew; when the last of the first times was, and to which"""
 
     def progress(self, share: float, words: str = "", stage: str = "refine") -> None:
         """Take how far a stage is: the share that is done, 0 to 1, and what is done in words. stage: nothing where frames are counted."""
         if stage != self.stage:
             self.begin_stage(stage)
-        self._since = self._since or (self.worked_s, share)
+        if self._steps < _FIRST_STEPS and share > self.share:
+            self._steps, self._since = self._steps + 1, (self.worked_s, share)
         self.share, self.words = share, _STAGES[stage].format(words)

@@ -155,12 +155,12 @@ div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Button-root {
   min-width: 28px; background: rgba(128, 128, 128, .16) !important; color: inherit !important; }
 .handtrack-lane { position: absolute; left: 4px; display: flex; align-items: center; gap: .6em; line-height: 1.1; font-size: 11px;
   white-space: nowrap; pointer-events: none; text-shadow: 0 0 3px var(--mantine-color-body), 0 0 3px var(--mantine-color-body); }
-/* the next step: over an empty timeline in its middle, else at its right end */
+/* the next step: over an empty timeline in its middle, else above its right end, beside the panel: no frame is behind it */
 div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolute; left: 172px; right: 90px; top: 3px; z-index: 6;
   padding: 0 !important; text-align: center; font-size: 13px; pointer-events: none; }
 div:has(> .handtrack-next) + div { top: 24px; }
 .handtrack-next:not(:empty) { display: inline-block; padding: 0 .6em; border-radius: 4px; background: var(--mantine-color-body); }
-div:has(> .handtrack-next.handtrack-aside) + div { top: 3px; text-align: right; padding-right: 4px !important; }
+div:has(> .handtrack-next.handtrack-aside) + div { position: fixed; inset: auto 292px calc(var(--handtrack-below) + 10px) auto; }
 div:has(> .handtrack-next) + div .mantine-Button-root { display: inline-block !important; width: auto !important; height: 27px !important; padding: 0 1.1em !important;
   pointer-events: auto; box-shadow: 0 0 6px var(--mantine-color-body); }
 .handtrack-keys { columns: 21em auto; column-gap: 1.5em; padding: .3em .9em; font-size: 13px; line-height: 1.5; max-height: 60vh; overflow: auto; }
@@ -318,15 +318,20 @@ if (document.getElementById("handtrack-style") === null) {
     });
     return name;
   };
-  let asked = 0;
-  document.addEventListener("pointermove", (event) => {
+  let asked = 0, last = null;
+  const look = () => {
+    asked = 0;
+    if (last.buttons) return;  // while it is dragged the name stays
+    held.textContent = last.target === window.__viserMutable?.canvas ? heldAt(last.clientX, last.clientY) : "";
+  };
+  const follow = (event) => {
+    last = event;
     Object.assign(held.style, {left: `${event.clientX + 14}px`, top: `${event.clientY + 14}px`});
-    if (event.buttons || asked) return;  // while it is dragged the name stays
-    asked = requestAnimationFrame(() => {
-      asked = 0;
-      held.textContent = event.target === window.__viserMutable?.canvas ? heldAt(event.clientX, event.clientY) : "";
-    });
-  }, true);
+    asked ||= requestAnimationFrame(look);
+  };
+  document.addEventListener("pointermove", follow, true);
+  document.addEventListener("pointerup", follow, true);
+  setInterval(() => { if (held.textContent) look(); }, 300);  // the view may turn, or the hand move, under a pointer that rests
   // keys are heard by the document's root. They act where neither a dialog is open nor a control has the focus
   const controls = 'input, textarea, select, button, [role="slider"], [role="tab"], [role="combobox"], [role="checkbox"]';
   let awaited = false;  // the palette, which takes a moment to open

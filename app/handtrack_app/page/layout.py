@@ -59,6 +59,8 @@ from handtrack_app.protocol.snapshots import (
 _ASIDE = bordered("<b>Before the last step.</b> Tab shows the pose as it is.", ASIDE[1])
 """seen whatever tab is open, as the panel with the pose's card may be folded"""
 
+_PAUSE, _RESUME, _CANCEL = "Pause", "Resume", "Cancel"
+"""of a job that runs; seen whatever tab is open, too"""
 _WAITS = escaped("This waits while tracked frames pass by: pause, or turn off Follow.")
 
 
@@ -77,6 +79,12 @@ class PageLayout:
         self.saved = ""
         self.head = gui.add_html(head(None, page.state))
         page.reflect(self.head, content=lambda: head(self.snapshot, page.state, self.saved))
+        self.job = page.buttons(
+            "Running", (_PAUSE, _CANCEL), self._steer, when=lambda: not page.state.is_free()
+        )
+        page.reflect(
+            self.job, options=lambda: (_RESUME if page.state.is_paused() else _PAUSE, _CANCEL)
+        )
         self.aside = page.offer(gui.add_html(_ASIDE), lambda: page.state.shows_before)
         page.button(
             "Start again", start_again, "refresh", color=None, when=lambda: page.state.progress.state == "failed"
@@ -172,6 +180,13 @@ class PageLayout:
         subscribe(RerunPage, self.tracking.show_rerun)
         subscribe(Download, self.export.deliver)
         page.watch(self._show_hidden)
+
+    def _steer(self, which: str) -> None:
+        """Cancel the job that runs, let it wait, or let it go on: as a button says."""
+        if which == _CANCEL:
+            self.page.engine.cancel()
+        else:
+            self.page.engine.pause(which == _PAUSE)
 
     def _show_session(self, session: SessionSnapshot) -> None:
         self.snapshot = session

@@ -161,6 +161,10 @@ class UserState:
         """Return whether no job runs."""
         return not self.progress.is_busy
 
+    def is_paused(self) -> bool:
+        """Return whether a job waits to be resumed."""
+        return self.progress.state == "paused"
+
     @property
     def names(self) -> tuple[str, ...]:
         """Of the model's joint parameters."""

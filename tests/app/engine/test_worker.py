@@ -13,6 +13,7 @@ from handtrack.session.session_state import key_of
 from handtrack.store.store import Store
 from handtrack.tracking.frame.reason import Reason
 from handtrack_app.engine import open_session
+from handtrack_app.engine.jobs import BackgroundJob
 from handtrack_app.engine.open_session import COMMANDS
 from handtrack_app.engine.store import persistence
 from handtrack_app.protocol import snapshots
@@ -58,11 +59,10 @@ def halted(tmp_path):
         yield worker, listener, go_on
 
 
-def test_cancel_takes_effect_within_the_frame_under_way(halted):
-    worker, listener, _ = halted
-    worker.engine.cancel()
-    listener.told("Cancelled")
-    assert sorted(worker.document.results) == [3, 4]
+def test_steps_that_may_compile_foretell_no_time_left():
+    job = BackgroundJob("refining", lambda _: None, lambda *_: None, None, False)
+    known = [job.progress(step / 40) or job.eta_s() > 0 for step in range(1, 7)]
+    assert known == [False] * 4 + [True] * 2
 
 
 def test_a14_pause_holds_with_every_frame_on_disk_and_goes_on(halted, tmp_path):

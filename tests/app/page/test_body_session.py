@@ -1,7 +1,5 @@
 """A session of a body in the workbench: its parts are drawn, its sliders stand by limb, wrists and ankles are pulled."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -48,11 +46,7 @@ def test_a_limbs_end_is_pulled_by_its_own_limb(name, tip):
     moved = pulled(body, params, tip, target)
     found = body.joint_positions(body.bones(moved))[joint]
     assert np.linalg.norm(found - target) < 0.005
-    changed = {
-        name
-        for name, a, b in zip(body.parameter_names, params, moved, strict=True)
-        if abs(a - b) > 1e-9
-    }
+    changed = np.array(body.parameter_names)[np.abs(moved - params) > 1e-9]
     limb = limb_of(body.skeleton.bone_names[body.joint_bone[joint]])
     assert {limb_of(name) for name in changed} == {limb}
     assert ("left_wrist_flex" in changed) == (name == "body38")
@@ -66,6 +60,6 @@ def test_a_finger_is_pulled_alone_whatever_is_coupled(coupling):
     target = hand.joint_positions(hand.bones(params))[joint] + [0.0, -0.01, -0.01]
     moved = hand.joint_params(pulled(hand, params, "index_tip", target))
     still = hand.joint_params(params)
-    for name, a, b in zip(hand.parameter_names, still, moved, strict=True):
-        assert math.isclose(a, b, abs_tol=1e-12) or name.startswith("index"), name
+    changed = np.array(hand.parameter_names)[np.abs(moved - still) > 1e-12]
+    assert all(name.startswith("index") for name in changed), changed
     assert np.abs(moved - still).max() > 0.02

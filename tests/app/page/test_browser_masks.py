@@ -60,12 +60,11 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
 def _reach_is_off(bench, wanted):
     """Return how far what is painted as hand reaches elsewhere than wanted: left, right, top, bottom [px]."""
     view = bench.worker.document.session.view("cam0")  # type: ignore[union-attr]
-    layer = view.corrections.layer(0)
-    rows, columns = np.nonzero(layer == 255) if layer is not None else (np.zeros(0), np.zeros(0))
-    if not len(rows):
+    painted = np.argwhere(view.corrections.layer(0) == 255)
+    if not len(painted):
         return float("inf")
-    reach = (columns.min(), columns.max(), rows.min(), rows.max())
-    return float(np.abs(np.subtract(reach, wanted)).max())
+    (top, left), (bottom, right) = painted.min(axis=0), painted.max(axis=0)
+    return float(np.abs(np.subtract((left, right, top, bottom), wanted)).max())
 
 
 def _filters(bench, view):

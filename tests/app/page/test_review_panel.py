@@ -62,20 +62,24 @@ def test_cameras_that_are_surely_off_are_corrected_by_one_button_and_undo_takes_
         review, undo = bench.layout.review, bench.layout.pose.edit_buttons
         frustum = bench.stage.cameras.frusta["side"]
         calibrated = np.array(frustum.wxyz)
-        turned = lambda: not np.allclose(frustum.wxyz, calibrated)  # noqa: E731
+        states = lambda: (  # noqa: E731
+            review.restore.visible,
+            not review.correct.visible,
+            not np.allclose(frustum.wxyz, calibrated),
+        )
         bench.engine.track(0, FRAMES, 3)
         eventually(lambda: review.correct.visible)
         assert "rotation 2.00° (± 0.10)" in review.off.content
         assert "front, side" in review.correct.label
-        client.set_value(review.correct, True)
-        eventually(lambda: not review.correct.visible and turned())
-        client.set_value(review.restore, True)
-        eventually(lambda: review.correct.visible and not turned())
-        client.set_value(undo, "Undo")
-        eventually(lambda: review.restore.visible and turned())
-        client.set_value(undo, "Undo")
-        eventually(lambda: set(review.strip.cameras_off) == {"front", "side"}, "one step of undo")
-        eventually(lambda: review.correct.visible and not turned())
+        for pressed, value, corrected in (
+            (review.correct, True, True),
+            (review.restore, True, False),
+            (undo, "Undo", True),
+            (undo, "Undo", False),
+        ):
+            client.set_value(pressed, value)
+            eventually(lambda corrected=corrected: states() == (corrected,) * 3)
+        assert set(review.strip.cameras_off) == {"front", "side"}, "one step of undo"
 
 
 def _card(first, last):

@@ -185,7 +185,9 @@ def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
         bench.engine.track(3, FRAMES, 3)
         eventually(lambda: len(bench.worker.document.results) == 5)
         assert not button.visible  # it is under way
-        bench.engine.cancel()
+        client.set_value(bench.layout.job, "Pause")
+        eventually(lambda: bench.layout.job.options == ("Resume", "Cancel"))
+        client.set_value(bench.layout.job, "Cancel")
         eventually(lambda: bench.state.progress.state == "idle")
         eventually(lambda: np.flatnonzero(_status(bench) >= 0)[-1:] == [7])
         go_on.set()

@@ -1,4 +1,4 @@
-"""Tracking: one frame, a range, everything; progress, pause, cancel."""
+"""Tracking: one frame, a range, everything; and how far it is, in words."""
 
 from __future__ import annotations
 
@@ -31,17 +31,6 @@ class TrackingPanel(Panel):
 
     def build(self) -> None:
         page, state, live = self.page, self.state, self.state.session.live
-        pause = page.button(
-            "Pause", self.pause_or_go_on, "player-pause", when=lambda: not state.is_free()
-        )
-        page.reflect(
-            pause,
-            label=lambda: "Resume" if self._is_paused else "Pause",
-            icon=lambda: viser.Icon.PLAYER_PLAY if self._is_paused else viser.Icon.PLAYER_PAUSE,
-        )
-        page.button(
-            "Cancel", page.engine.cancel, "player-stop", color="red", when=lambda: not state.is_free()
-        )  # fmt: skip
         if live:
             page.button(
                 "Track live", lambda: self.start("live"), "player-play",
@@ -94,10 +83,6 @@ class TrackingPanel(Panel):
             "Opens rerun's viewer with every camera's residuals: of all tracked frames, and of each frame that is tracked from now on.",
         )  # fmt: skip
         self.rerun = page.gui.add_markdown("", visible=False)
-
-    @property
-    def _is_paused(self) -> bool:
-        return self.state.progress.state == "paused"
 
     @property
     def _ends(self) -> tuple[int, int] | None:
@@ -166,7 +151,7 @@ class TrackingPanel(Panel):
 
     def pause_or_go_on(self) -> None:
         """Let tracking wait, or go on."""
-        self.engine.pause(not self._is_paused)
+        self.engine.pause(not self.state.is_paused())
 
     def _put_off(self, on: bool) -> None:
         words = self.page.phrase(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
