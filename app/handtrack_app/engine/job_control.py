@@ -634,6 +634,8 @@ class JobControl(Service):
         if quiet and job.words:
             words = job.words[:1].upper() + job.words[1:]
             done, total = round(100 * job.share), 100
+        elif total and state != "preparing":
+            words += f": {done} of {total} frames"
         return ProgressSnapshot(state, words, done, total, round(job.eta_s()), job.kind, job.frame)
 
 

@@ -270,7 +270,7 @@ def head_words(strip: TimelineSnapshot, at: int | None, done: int = 0) -> str:
         "Sorted by the expected number of wrong frames."
     )  # fmt: skip
     locked_frames = len(strip.accepted)
-    locked = f"<br>{locked_frames} of {count} frames are accepted: neither tracking nor refining changes them." if locked_frames else ""  # fmt: skip
+    locked = f"<br>{locked_frames} of {count} frames {'is' if locked_frames == 1 else 'are'} accepted: neither tracking nor refining changes them." if locked_frames else ""  # fmt: skip
     return text(look + locked, faint=False)
 
 

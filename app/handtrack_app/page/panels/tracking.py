@@ -187,8 +187,6 @@ def nearest_posed(strip: TimelineSnapshot, first: int, last: int, frame: int) ->
 def progress_words(progress: ProgressSnapshot) -> str:
     """Return what is going on, in one line."""
     words = progress.text
-    if progress.state in ("tracking", "paused") and progress.total:
-        words += f": {progress.done} of {progress.total} frames"
     if progress.state in ("tracking", "preparing") and progress.eta_s > 0:
         words += f", {duration(progress.eta_s)} left"
     return words
