@@ -651,6 +651,7 @@ def _unlike(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
     kept, far = [0] if sure else [], np.full(len(sure), np.inf)
     while 0 < len(kept) < min(most, len(sure)):
         far = np.minimum(far, np.linalg.norm(joints - joints[kept[-1]], axis=2).mean(axis=1))
+        far[kept] = -1.0  # also where the others are at just the same pose
         kept.append(int(np.argmax(far)))
     return sorted((sure[n] for n in kept), key=lambda result: result.frame)
 

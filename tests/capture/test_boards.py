@@ -78,7 +78,7 @@ def test_a_part_of_a_charuco_board_is_enough_and_blur_is_told():
     page = draw_board(board, 3.0)
     soft = find_board(cv2.GaussianBlur(page, (0, 0), 3.0), board)
     assert 2 * find_board(page, board).blur_px < soft.blur_px
-    page[:, : page.shape[1] // 2] = 128
+    page[:, :360] = 128
     assert 8 <= len(find_board(page, board).ids) < len(board.points)
 
 
@@ -140,9 +140,10 @@ def test_against_opencv_s_stereo_chessboard(data_dir):
     ):
         off = [side["lens"][name] for name in names] - np.array(published)
         assert (np.abs(off) < within).all(), off
-    turn = np.rad2deg(cv2.Rodrigues(found.rig["right"].rotation)[0]).ravel()
+    second = found.rig["right"]
+    turn = np.rad2deg(cv2.Rodrigues(second.rotation)[0]).ravel()
     assert np.allclose(turn, [0.39, 0.22, -0.22], atol=0.1)
-    assert np.allclose(found.rig["right"].translation / 0.025, [-3.328, 0.037, 0.014], atol=0.03)
+    assert np.allclose(second.translation / 0.025, [-3.328, 0.037, 0.014], atol=0.03)
 
 
 PER_MM = 2.0
@@ -249,7 +250,6 @@ CHAINED = {"a": range(25), "b": range(40), "c": range(25, 40)}
 @pytest.mark.parametrize(
     ("seen", "centre_mm", "pairs"),
     [({}, 0.5, "ab ac bc"), (CHAINED, 1.5, "ab bc")],
-    ids=["all see the board", "a and c never together"],
 )
 def test_a_known_rig_is_found_again(seen, centre_mm, pairs, rng):
     cameras = [views_of(camera, BOARD, POSES, rng, seen.get(camera.name)) for camera in RIG]

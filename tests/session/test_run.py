@@ -105,8 +105,7 @@ def test_a_cuff_is_modelled_as_long_as_masks_show_it_and_found_again(run):
     for one in (cuffed, cuffed.with_scale(HandScale(1.1)), cuffed.with_values({"tracker.seed": 1})):
         length[one.scale.overall] = one.model.skeleton.length[one.model.skeleton.bone("forearm")]
     assert length == pytest.approx({1.0: 0.04, 1.1: 0.044})
-    result = next(iter(cuffed.track(range(1), *cuffed.initial())))
-    again = model_of(cuffed.result([result]))
+    again = model_of(cuffed.result(cuffed.track(range(1), *cuffed.initial())))
     assert_allclose(again.ellipsoids["fine"].radii, cuffed.model.ellipsoids["fine"].radii)
     arm = run.with_forearm(np.inf).model
     asked = cuffed.with_values({"model.forearm": "true"}).model
@@ -135,14 +134,8 @@ def fitted(missing, scale=HandScale(), first=None):
     sensor = Sensor((160, 120), missing=missing)
     seen = list(depth_views(MEAN, POSES, sensor, np.random.default_rng(3)))
     run = run_of(scale, seen, first)
-    posed = [
-        posed_result(
-            run.model,
-            one,
-            run.model.transform.solver_params(joint),
-        )
-        for one, joint in zip(seen, POSES, strict=True)
-    ]
+    poses = map(run.model.solver_params, POSES)
+    posed = [posed_result(run.model, *both) for both in zip(seen, poses, strict=True)]
     return run, size_of_frames(run, posed, 2)  # type: ignore[arg-type]
 
 
@@ -160,7 +153,7 @@ def test_what_is_stated_of_joints_includes_a_size_that_is_held():
     def stated(scale):
         model = load_model("hand26", scale=scale)
         params = model.rest_params()
-        seen = next(iter(depth_views(MEAN, POSES, Sensor((160, 120)), np.random.default_rng(0))))
+        seen = next(depth_views(MEAN, POSES, Sensor((160, 120)), np.random.default_rng(0)))
         terms = frame_terms(model, TrackerSettings(), seen, model.bones(params), None)
         none = np.zeros((len(model.joint_names), 3, 3))
         posed = posed_result(model, seen, params)
@@ -184,11 +177,11 @@ def test_the_first_frames_do_not_decide_where_they_are_bad():
         size, off = (0.85, 4.0) if frame < 42 else (1.08, 1.0)
         filmed = load_model("hand26", scale=HandScale(size))
         points = filmed.keypoints21(filmed.bones(pose))
-        views = [
+        views = tuple(
             ImageKeypoints(c, keypoint_names(), c.project(points) + off * noise.normal(size=(21, 2)), 1.0)
             for c in cameras
-        ]  # fmt: skip
-        seen.append(Observation(frame, frame / 30.0, keypoints=tuple(views)))
+        )  # fmt: skip
+        seen.append(Observation(frame, frame / 30.0, keypoints=views))
 
     def track(frames, start, params, control):
         for frame in frames:
@@ -198,10 +191,12 @@ def test_the_first_frames_do_not_decide_where_they_are_bad():
 
     run = run_of(HandScale(), seen)
     run.track, run.initial, run.with_values = track, lambda: (0, poses[0]), lambda values: run
-    run.session.frame_range, run.session.frame_count = range(len(seen)), len(seen)
+    run.session.frame_range = range(len(seen))
     tracked = tracked_for_size(run, None, Control())  # type: ignore[arg-type]
     size = size_of_frames(run, tracked, 8)  # type: ignore[arg-type]
     assert size.overall == pytest.approx(1.08, abs=0.02)
+    still = [replace(tracked[-1], frame=frame) for frame in range(60, 68)]
+    assert size_of_frames(run, still, 8)  # type: ignore[arg-type]
 
 
 def recording(masks="masks/*.png", images=None, clouds=False):
