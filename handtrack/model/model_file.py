@@ -425,7 +425,8 @@ def _build(
     offset, rest_rotation = np.zeros((len(rows), 3)), np.stack([np.eye(3)] * len(rows))
     person = _proportions(table.get("proportion", []), names, parent, frames, side)
     for name in size.proportions:
-        check_name("proportion", name, person.names, f"the model {table['name']}")
+        where = f"the model {table['name']} (was this person's shape found with another model?)"
+        check_name("proportion", name, person.names, where)
     values = np.array([size.proportions.get(name, 0.0) for name in person.names])
     factors = np.array([factor[name] for name in names])[:, None] * np.exp(
         np.tensordot(values, person.stretch, axes=1)
