@@ -308,8 +308,10 @@ def estimate_whole(
             system, right = _system(best, motion)
             expected = moved(best.poses, system.solve(*right)[0])
             motion = motion.estimated(expected, system.inverse_parts(), usual)
+            del system  # of a long recording as large as what all frames say: never two at once
         system, right = _system(best, motion, damping, shared_damping=stiff)
         step, change = system.solve(*right)
+        del system
         expected_gain = 0.5 * (right[0] * step).sum(axis=1)
         expected_gain += 0.5 * float((right[1] * change / frames_per_sample).sum())
         most, most_once = times * _ENOUGH, times * _ENOUGH_ONCE
@@ -320,7 +322,6 @@ def estimate_whole(
         predicted = ahead.costs.copy()
         if sweep == 1 and predicted.mean() >= at_most:
             raise StoppedError
-        del system  # of a long recording as large as what all frames say
         likelihood = likelihood.sharing(best.shared.stepped(change))
         found = swept(model.clipped(moved(best.poses, step)), ahead)
         gain = best.cost(motion) - found.cost(motion)
