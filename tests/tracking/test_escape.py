@@ -26,21 +26,21 @@ OPEN = posed(MODEL, "open")
 class Scene:
     """A frame that was solved from a start, and what the search for lost fingers makes of it."""
 
-    def __init__(self, truth, start):
-        seen = mask_views(MODEL, truth, CAMERAS)
-        self.terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(start), None)
+    def __init__(self, truth, start, model=MODEL, cameras=CAMERAS):
+        self.model, seen = model, mask_views(model, truth, cameras)
+        self.terms = frame_terms(model, SETTINGS, seen, model.bones(start), None)
         self.params = descend(self.terms, start)[0].params
         self.objective = FingerObjective(self.terms.without_motion(), self.params, Control())
 
     def cost(self, params):
-        return self.objective.measured(Candidate(MODEL, params)).cost
+        return self.objective.measured(Candidate(self.model, params)).cost
 
     def found(self):
         return with_fingers_recovered(self.terms, self.params, Control(), 0, "a test")
 
 
-def worst_mm(*poses):
-    found, true = (MODEL.joint_positions(MODEL.bones(x)) for x in poses)
+def worst_mm(*poses, model=MODEL):
+    found, true = (model.joint_positions(model.bones(x)) for x in poses)
     return 1e3 * np.linalg.norm(found - true, axis=1).max()
 
 
@@ -73,6 +73,15 @@ def test_a_hand_that_starts_one_finger_off_is_put_right(pose, shift):
     here = Scene(truth, finger_shifts(MODEL, truth)[shift])
     assert here.cost(here.params) > here.cost(truth) + 50.0
     assert here.cost(here.found()) < here.cost(truth)
+
+
+def test_a_body_s_arm_and_leg_hanging_by_mistake_are_raised():
+    body = load_model("body34")
+    hanging, truth = body.rest_params(), body.rest_params()
+    truth[[body.transform.names.index(n) for n in ("left_shoulder_abd", "right_hip_flex")]] += 1.4
+    here = Scene(truth, hanging, body, simulated_rig(3, (320, 240), 3.5).cameras)
+    assert worst_mm(here.params, truth, model=body) > 500.0
+    assert worst_mm(here.found(), truth, model=body) < 5.0  # measured 2
 
 
 def test_a_finger_may_fold_out_of_a_depth_cameras_sight():

@@ -332,7 +332,7 @@ class FollowSettings:
     )
     escape: bool = setting(
         True,
-        "Search lost fingers, and the forearm, over their whole range when the residual is larger than usual, and at intervals.",
+        "Search lost fingers, the forearm, and a body's arms and legs over their whole range when the residual is larger than usual, and at intervals.",
     )
     recovery: bool = setting(
         True,
