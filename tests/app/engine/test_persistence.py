@@ -122,6 +122,8 @@ def test_killed_at_any_write_a_step_and_its_files_are_both_there_or_neither(tmp_
         assert all(file.is_file() for file in files)
         again.undo()
         assert not any(file.exists() for file in files)
+        again.redo()
+        assert files[1].is_file()
     assert moment > 4
 
 

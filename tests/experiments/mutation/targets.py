@@ -51,8 +51,8 @@ class Coverage:
         )
 
     def tests(self, file: Path, source: str, line: int, most: int) -> list[str]:
-        """Return at most `most` tests that run a line of a file, those first that run the fewest lines in all; of a line
-        that only an import runs, those that run any line of the file.
+        """Return at most `most` tests that run a line of a file, those first that run the fewest lines in all, and then those of whole
+        results; of a line that only an import runs, those that run any line of the file.
         """
         statements = [
             node.lineno
@@ -63,4 +63,5 @@ class Coverage:
         if (at := max(statements)) not in lines:
             return []
         tests = lines[at] or set().union(*lines.values())
-        return sorted(tests, key=lambda test: (self._sizes[test], test))[:most]
+        ranked = sorted(tests, key=lambda test: (self._sizes[test], test))
+        return ranked[:most] + [t for t in ranked[most:] if t.startswith("tests/golden/")]
