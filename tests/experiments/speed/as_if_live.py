@@ -84,7 +84,7 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
             f"as_if_live: {len(moving)} poses were shown while the hand moved: this machine is too busy to be measured."
         )
     when, frame, time_s = (np.array(column) for column in zip(*moving, strict=True))
-    late, steps = when - feed.zero_s - time_s, np.diff(when)
+    late, steps = when - feed._zero_s - time_s, np.diff(when)
     return {
         "solved_a_second": float(frame[-1] - frame[0]) / float(when[-1] - when[0]),
         "solved": int(frame[-1] - frame[0]) + 1,

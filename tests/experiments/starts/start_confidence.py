@@ -38,7 +38,7 @@ def start_trial(number: int, seed: int = SEED) -> StartTrial:
     frame = start_frame(seed, number)
     models = [load_model(forearm=arm) for arm in (False, True)]
     begin = time.process_time()
-    found = auto_start(models, TrackerSettings(), frame.observation)
+    found = auto_start(models, TrackerSettings(), frame.seen)
     seconds = time.process_time() - begin
     if not found:
         return StartTrial(frame.kind, 0.0, np.inf, seconds)
