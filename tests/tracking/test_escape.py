@@ -1,4 +1,4 @@
-"""A finger in the wrong place, and a hand one finger off, are found again; nothing ever gets worse."""
+"""A finger or limb in the wrong place, and a hand one finger off, are found again; nothing ever gets worse."""
 
 import numpy as np
 import pytest

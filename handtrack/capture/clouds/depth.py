@@ -44,7 +44,8 @@ def surface_pixels(
         here, there = _overlap(down, right)
         a, b = depth[here], depth[there]
         limit = np.minimum(a, b) * (jump_share + slope * np.hypot(down, right))
-        together = np.abs(a - b) <= limit  # never where one is no measurement; of two, nobody asks
+        # 0 is no measurement: the limit is 0 beside it, and of two of them the last line takes neither
+        together = np.abs(a - b) <= limit
         supported[here] += together
         supported[there] += together
     return (supported >= support) & (depth > 0)

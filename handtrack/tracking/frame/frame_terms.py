@@ -384,6 +384,7 @@ def by_camera(
 
 def _pixels_per_m(silhouette: Silhouette, start: BonePoses) -> float:
     camera = silhouette.camera
+    # the median; np.median takes several times as long for so few, in each camera of each frame
     depth = np.sort(camera.to_camera(start.position)[:, 2])
     middle = 0.5 * (depth[(len(depth) - 1) // 2] + depth[len(depth) // 2])
     return float(camera.pixels_per_m(middle))

@@ -79,7 +79,7 @@ def finger_shift_as_bent(
 def finger_on_grid(
     objective: FingerObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose each finger, and the forearm, on a grid over its range; the best in the widest band."""
+    """Propose each finger, the forearm, or a body's arms and legs, on a grid over its range; the best in the widest band."""
     (standing,) = found
     far = stage_problem(objective.terms, objective.params, 0)
     return [

@@ -257,6 +257,7 @@ class Persistence:
             self.flush()
 
     def _leave_what_the_file_says(self) -> None:
+        """Leave to session.toml each kind of decision that it says already."""
         for kind in get_args(FileKind):
             if getattr(self.document.state, kind) and not self.document.unsaved(kind):
                 self.leave_to_the_file(kind)
