@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from handtrack.arrays import Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.session.doctor.check_hand import odd_side
@@ -228,6 +229,8 @@ class JobControl(Service):
         """when the pass began"""
         self._refined_with: SessionState | None = None
         """what held when frames were refined last, with what that changed"""
+        self._stood: tuple[int, Floats[S]] | None = None
+        """frame and pose shown before those that were tracked to fit the size"""
         self._shown = self._stripped = 0.0
         self._compiles = compiles
         self._compiled_before = 0
@@ -514,10 +517,19 @@ class JobControl(Service):
 
     def try_frame(self, result: FrameResult) -> None:
         """Show a frame that is tracked to fit the size."""
+        document = self.document
         if self._follows_now():
-            self.document.show(result.frame)
-            self.document.shown = result.parameters
+            self._stood = self._stood or (document.frame, document.shown)
+            document.show(result.frame)
+            document.shown = result.parameters
             self.opened.show_pose()
+
+    def _show_what_stood(self) -> None:
+        """Show no pose of a trial any more, as no frame keeps one; nor the trial's frame, unless somebody has gone to another."""
+        stood, self._stood, document = self._stood, None, self.document
+        if stood is not None:
+            frame, document.shown = stood
+            document.show(frame if self.follows else document.frame)
 
     def _follows_now(self) -> bool:
         """Whether a pose is to be shown as it comes: now and then, if that is wanted."""
@@ -562,6 +574,7 @@ class JobControl(Service):
 
     def _sized(self, event: SizeFitted) -> None:
         document, run = self.document, event.run
+        self._show_what_stood()
         is_arm = event.after_tracking and run.arm_m != document.run.arm_m
         self.store.do("Size", in_turn(edits.size(run.scale), edits.arm(document, run.arm_m)))
         self.opened.show_session()
@@ -582,6 +595,7 @@ class JobControl(Service):
     def _ended(self, job: BackgroundJob, cancelled: bool, problem: Exception | None) -> None:
         self._job = None
         document = self.document
+        self._show_what_stood()
         document.show(document.frame)
         self.opened.show_all()
         if job.kind == "tracking" or self._moves:

@@ -26,9 +26,10 @@ def escaped(words: str) -> str:
     return text(html.escape(words))
 
 
-def row(name: str, value: str) -> str:
-    """Return a name at the left and a value at the right, both plain words."""
-    return f"<div class='handtrack-row'><span>{html.escape(name)}</span><b>{html.escape(value)}</b></div>"
+def row(name: str, value: str, more: str = "") -> str:
+    """Return a name at the left and a value at the right, and what a tooltip says: plain words."""
+    title = f" title='{html.escape(more)}'" if more else ""
+    return f"<div class='handtrack-row'{title}><span>{html.escape(name)}</span><b>{html.escape(value)}</b></div>"
 
 
 def line(words: str) -> str:

@@ -3,10 +3,8 @@ workbench: what `handtrack bench hostile` does for five minutes, in seconds."""
 
 import contextlib
 import math
-import re
 import time
 from functools import partial
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -28,6 +26,7 @@ from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.experiments.workbench import attacks
+from tests.experiments.workbench.program import resident_mb
 
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, -1.0], "fov": 0.7,
@@ -287,13 +286,6 @@ FEWER = {
 }  # fmt: skip
 
 
-def resident_mb():
-    status = Path("/proc/self/status")
-    if not status.is_file():
-        return 0.0  # told by this system in no such way
-    return float(re.search(r"VmRSS:\s+(\d+)", status.read_text())[1]) / 1000
-
-
 def callbacks(bench):
     known = bench.server.gui._gui_input_handle_from_uuid.items()
     return {uuid: len(handle._impl.update_cb) for uuid, handle in known}
@@ -313,13 +305,13 @@ def test_a11_c49_a_hostile_client_harms_nobody(attacked, tmp_path, capfd, monkey
     slider, before = bench.layout.pose.sliders["index_mcp_flex"], callbacks(bench)
     page = attacks.TargetPage(bench.url, list(before))
     with logging_to(tmp_path / "log"), WireClient(bench.url) as honest:
-        memory = resident_mb()
+        memory = resident_mb("self")
         attacks.ATTACKS[name](page)
         time.sleep(0.3)
         for k in range(9):
             sent = honest.set_value(slider, 10.0 + k + np.random.default_rng(k).random())
             came = honest.wait_for(sent, "/hand/flesh", "batched_positions")
             assert came is not None, "the hand did not move"
-        assert resident_mb() - memory < 50
+        assert resident_mb("self") - memory < 50
     assert before.items() <= callbacks(bench).items()
     assert capfd.readouterr() == ("", "")

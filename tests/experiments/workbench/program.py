@@ -52,11 +52,11 @@ class RunningWorkbench:
 
     def resident_mb(self) -> float:
         """Return the resident memory of the program and the processes that it started [MB]; on Linux only."""
-        return sum(_resident_kb(pid) for pid in self._pids()) / 1000
+        return sum(resident_mb(pid) for pid in self._pids())
 
     def page_mb(self) -> float:
         """Return the resident memory of the process that serves the page [MB]; on Linux only."""
-        return _resident_kb(self._process.pid) / 1000
+        return resident_mb(self._process.pid)
 
     def cpu_s(self) -> float:
         """Return the processor time of the program and the processes that it started [s]; on Linux only."""
@@ -105,10 +105,11 @@ def _ticks(pid: int) -> float:
     return float(user) + float(system)
 
 
-def _resident_kb(pid: int) -> float:
+def resident_mb(pid: int | str) -> float:
+    """Return the resident memory of a process [MB]; on Linux only, else 0. pid: or "self"."""
     try:
         status = Path(f"/proc/{pid}/status").read_text()
     except OSError:
         return 0.0
     found = re.search(r"VmRSS:\s+(\d+) kB", status)
-    return float(found[1]) if found else 0.0
+    return float(found[1]) / 1000 if found else 0.0

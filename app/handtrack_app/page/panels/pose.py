@@ -302,16 +302,25 @@ _BEFORE_WORDS = line(
 )
 
 
-def score_rows(score: ScoreSnapshot, with_cost: bool) -> list[tuple[str, str]]:
-    """Return energy and overlap by camera, each with how it differs from the pose that was fitted last."""
-    fitted = score.fitted_overlap or {}
-    rows = []
+_MOST_CAMERAS = 3
+"""whose overlaps are listed: of any more, they would move all that is below"""
+
+
+def score_rows(score: ScoreSnapshot, with_cost: bool) -> str:
+    """Return cost and overlap by camera, each with how it differs from the pose that was fitted last; of many cameras the lowest, and
+    all in a tooltip.
+    """
+    fitted, rows = score.fitted_overlap or {}, ""
     if score.energy and with_cost:
         cost = sum(score.energy.values())
-        rows.append(("cost", f"{cost:.1f}{_change(cost, score.fitted_cost, 1)}"))
-    if score.overlap:
-        each = (f"{c}\u00a0{s:.2f}{_change(s, fitted.get(c), 2)}" for c, s in score.overlap.items())
-        rows.append(("overlap", ", ".join(each)))
+        rows += row("cost", f"{cost:.1f}{_change(cost, score.fitted_cost, 1)}")
+    each = {c: f"{c}\u00a0{s:.2f}{_change(s, fitted.get(c), 2)}" for c, s in score.overlap.items()}
+    everyone = ", ".join(each.values())
+    if len(each) > _MOST_CAMERAS:
+        lowest = sorted(each, key=lambda c: score.overlap[c])[:_MOST_CAMERAS]
+        rows += row("lowest overlaps", ", ".join(each[c] for c in lowest), everyone)
+    elif each:
+        rows += row("overlap", everyone)
     return rows
 
 
@@ -328,14 +337,13 @@ def status_of(pose: PoseSnapshot) -> tuple[str, str]:
 def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
     """Return the lines above the sliders: frame, where the pose comes from, error against the truth, its score."""
     word, colour = status_of(pose)
-    facts = []
+    rows = ""
     if math.isfinite(pose.error_mm):
-        facts.append(("mean joint error", f"{pose.error_mm:.1f} mm"))
+        rows += row("mean joint error", f"{pose.error_mm:.1f} mm")
     if math.isfinite(pose.energy):
-        facts.append(("cost", f"{pose.energy:.1f}"))
+        rows += row("cost", f"{pose.energy:.1f}")
     if score is not None:
-        facts += score_rows(score, with_cost=not math.isfinite(pose.energy))
-    rows = "".join(row(name, value) for name, value in facts)
+        rows += score_rows(score, with_cost=not math.isfinite(pose.energy))
     if pose.origin == BEFORE:
         rows += _BEFORE_WORDS
     if pose.accepted:
