@@ -6,12 +6,12 @@ end count for nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import Axes, F, Floats, K, L, P, array_dataclass
+from handtrack.arrays import Axes, F, Floats, K, L, N, P, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.solver import block_banded_kernels as kernels
 
@@ -19,6 +19,8 @@ REACH = 2
 """neighbours on either side that a block touches: an acceleration is of three frames"""
 _AT_ONCE = 256
 """frames of an inverse that are made at once: all of them would be as large as the factor"""
+_NUMBERS = 1 << 19
+"""of a border that are made at once"""
 
 
 @array_dataclass
@@ -30,14 +32,17 @@ class Bordered:
 
     lower: Floats[F, L, P, P]
     """L with L Lᵀ = B, banded as it is, the blocks of the diagonal inverted"""
-    border: Floats[F, P, K]
-    """C"""
+    border: Callable[[slice], Floats[N, P, K]]
+    """C of some frames, made when it is asked for: it is as large as the factor"""
     corner: Floats[K, K]
     """D"""
 
     @classmethod
     def of(
-        cls, blocks: Floats[F, L, P, P], border: Floats[F, P, K], corner: Floats[K, K]
+        cls,
+        blocks: Floats[F, L, P, P],
+        border: Callable[[slice], Floats[N, P, K]],
+        corner: Floats[K, K],
     ) -> Bordered:
         """Return the system by which right sides are solved; the factor takes the place of B's blocks. Raises HandtrackError where B has none."""
         try:
@@ -51,13 +56,12 @@ class Bordered:
     def solve(self, own: Floats[F, P], shared: Floats[K]) -> tuple[Floats[F, P], Floats[K]]:
         """Return the unknowns of the frames and the shared ones for a right side of both."""
         alone = self.alone(own)
-        found = self.covariance @ (shared - np.einsum("fpk,fp->k", self.border, alone))
+        found = self.covariance @ (shared - self._by_border(alone[:, :, None])[:, 0])
         return alone - self._follow @ found, found
 
     def alone(self, right: Floats[F, P, *Axes]) -> Floats[F, P, *Axes]:
         """Return x with B x being `right`."""
-        found = np.array(right, float).reshape(*right.shape[:2], -1)
-        kernels.solve(self.lower, found)
+        found = self._solved(np.array(right, float).reshape(*right.shape[:2], -1))
         return found.reshape(right.shape)
 
     def inverse_parts(self) -> Iterator[tuple[int, Floats[F, L, P, P]]]:
@@ -79,7 +83,7 @@ class Bordered:
     @cached_property
     def covariance(self) -> Floats[K, K]:
         """The inverse's part of what is shared. Raises HandtrackError where a direction is held by nothing."""
-        left = self.corner - np.einsum("fpk,fpl->kl", self.border, self._follow)
+        left = self.corner - self._by_border(self._follow)
         left = 0.5 * (left + left.T)
         # unknowns differ in units: scaled alike before it is told whether one is held
         scale = np.sqrt(np.maximum(np.diag(self.corner), 1e-300))
@@ -98,4 +102,31 @@ class Bordered:
     @cached_property
     def _follow(self) -> Floats[F, P, K]:
         """B⁻¹ C: by how much frames give way to what is shared, with a minus."""
-        return self.alone(self.border) if self.border.size else self.border
+        frames, _, size, _ = self.lower.shape
+        found = np.empty((frames, size, len(self.corner)))
+        for at in self._parts():
+            found[at] = self.border(at)
+        return self._solved(found)
+
+    def _solved(self, right: Floats[F, P, N]) -> Floats[F, P, N]:
+        """Return x with B x being `right`, in its place."""
+        if right.size:
+            kernels.solve(self.lower, right)
+        return right
+
+    def _by_border(self, right: Floats[F, P, N]) -> Floats[K, N]:
+        """Return Cᵀ times a right side: the same sum however many frames there are at once."""
+        count, columns = len(self.corner), right.shape[2]
+        total = np.zeros((count, columns))
+        for at in self._parts() if count else ():
+            before = np.eye(count) if at.start else np.empty((0, count))
+            rows = np.concatenate([before, self.border(at).reshape(-1, count)])
+            own = np.concatenate([total[: len(before)], right[at].reshape(-1, columns)])
+            total = np.einsum("rk,rl->kl", rows, own)
+        return total
+
+    def _parts(self) -> Iterator[slice]:
+        frames, _, size, _ = self.lower.shape
+        at_once = _NUMBERS // (size * max(len(self.corner), 1))
+        for first in range(0, frames, at_once):
+            yield slice(first, first + at_once)

@@ -31,7 +31,7 @@ def _system(frames, shared):
         dense[np.ix_(columns, columns)] += rows.T @ rows
         _add(banded, t, (rows.T @ rows)[: count * SIZE, : count * SIZE])
     border = dense[:split, split:].reshape(frames, SIZE, shared)
-    return Bordered.of(banded, border, dense[split:, split:]), dense
+    return Bordered.of(banded, lambda at: border[at], dense[split:, split:]), dense
 
 
 @pytest.mark.parametrize("shared", [0, 1, 5])
@@ -79,7 +79,7 @@ def test_rounding_does_not_grow_along_a_long_recording():
     for t in range(frames):
         seen = rng.normal(size=(3, size))
         banded[t, 0] += seen.T @ seen + 1e-3 * np.eye(size)
-    system = Bordered.of(banded, np.zeros((frames, size, 0)), np.zeros((0, 0)))
+    system = Bordered.of(banded, lambda at: banded[at], np.zeros((0, 0)))
     found = _inverse(system)
     for t in range(0, frames, 10):
         unit = np.zeros((frames, size, size))

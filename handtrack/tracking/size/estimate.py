@@ -278,19 +278,20 @@ def estimate_whole(
     length, gains = 1.0, list[float]()
     why, sweep = "sweeps", 0
 
-    def swept(poses: Floats[F, P], ahead: FrameSystems | None = None) -> _Swept:
+    def swept(poses: Floats[F, P], ahead: tuple[FrameSystems, Floats[F]] | None = None) -> _Swept:
         shared, speed = likelihood.shared, velocities(poses)
         cameras, person = shared.cameras, shared.person
         views = cameras.views(poses, speed)
-        systems = FrameSystems.empty(*poses.shape, shared.count) if ahead is None else ahead
-        stands = np.zeros(len(frames), bool) if ahead is None else ahead.extrapolated < _ENOUGH
+        if ahead is None:
+            ahead = FrameSystems.empty(*poses.shape, shared.count), np.full(len(frames), np.inf)
+        systems, extrapolated = ahead
 
         def linearized(n: int) -> tuple[float, JointSystem, Floats[P, P]]:
             frame = likelihood.of(frames[n])
             return frame.share, *frame.linearize(poses[n], views, n, person)
 
         # to and fro: of a long recording the frames that were read last are still in memory
-        order = np.flatnonzero(~stands)[:: 1 if sweep % 2 == 0 else -1].tolist()
+        order = np.flatnonzero(~(extrapolated < _ENOUGH))[:: 1 if sweep % 2 == 0 else -1].tolist()
         for first in range(0, len(order), _LINEARIZED):
             if should_stop():
                 raise StoppedError
@@ -319,7 +320,7 @@ def estimate_whole(
         step, change = length * step, length * change
         slope = float((right[0] * step).sum() + right[1] @ change)
         ahead = best.systems.after(step, change)
-        predicted = ahead.costs.copy()
+        predicted = ahead[0].costs.copy()
         if sweep == 1 and predicted.mean() >= at_most:
             raise StoppedError
         likelihood = likelihood.sharing(best.shared.stepped(change))
@@ -451,8 +452,7 @@ def _system(
     frames_per_sample = (
         swept.frames_per_sample if reported else np.ones_like(swept.frames_per_sample)
     )
-    counted = systems.share[:, None, None] if reported else 1.0
-    border = systems.border * free[:, :, None] * np.sqrt(new / counted / frames_per_sample)
+    counted = systems.share if reported else np.ones(frames)
     known = swept.shared.known(np.ones_like(frames_per_sample)) if reported else swept.known
     corner = (
         systems.corner / np.mean(counted) / np.sqrt(np.outer(frames_per_sample, frames_per_sample))
@@ -461,7 +461,11 @@ def _system(
     corner += shared_damping * np.diag(np.diag(corner))
     pull = systems.gradient[:, size:].sum(axis=0) + known.gradient
     held = swept.shared.stopped(pull)
-    border = np.where(held, 0.0, border)
     corner = np.where(held | held[:, None], np.diag(np.diag(corner)), corner)
     right = np.where(free, -gradient, 0.0), np.where(held, 0.0, -pull)
+
+    def border(at: slice) -> Floats[N, P, K]:
+        weight = np.sqrt(new / counted[at, None, None] / frames_per_sample)
+        return np.where(held, 0.0, systems.border(at) * free[at, :, None] * weight)
+
     return Bordered.of(blocks, border, corner), right

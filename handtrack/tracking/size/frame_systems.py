@@ -1,15 +1,15 @@
-"""What each frame says of its pose and of what all share; of all frames kept small: symmetric matrices as their lower halves."""
+"""What each frame says of its pose and of what all share; of all frames kept small: symmetric matrices as the entries of their lower
+halves that are not 0."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, Ints, K, L, M, N, P, array_dataclass
+from handtrack.arrays import Array, F, Floats, Ints, K, L, M, N, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields
 from handtrack.model.pose_changes import TURN, by_turn
@@ -88,11 +88,16 @@ class FrameProblem:
         return JointSystem(cost + known.cost, gradient, matrix), told / self.share
 
 
+_Sparse = tuple[Array, Floats[N]]
+"""bits of a row's entries that are not 0, and these"""
+
+
 @array_dataclass
 class FrameSystems:
     """Each frame's cost to second order, by L = P + K numbers: changes of its own pose, and of what all frames share.
 
-    10,000 frames of a hand before three cameras take 150 MB, whole matrices 350; there are two while a step is tried.
+    There are two while a step is tried; frames that are not linearised again have one matrix in both. Of a hand whose joints three cameras
+    see a matrix takes 27 kB: each joint's offset goes with few other numbers, and whole matrices of K = 90 would take 60.
     """
 
     size: int
@@ -103,79 +108,110 @@ class FrameSystems:
     """of what was seen, how much counts"""
     since: Floats[F, L]
     """steps since it was linearised, which its cost and gradient follow to second order"""
-    _halves: Floats[F, M]
-    """rows of the lower halves, one after the other: those of the poses come first"""
-    _observed: Floats[F, N]
-    """of the poses' part what is of what was seen"""
+    _matrices: list[tuple[Array, _Sparse, _Sparse]]
+    """lower halves of the poses' part, and of what of it is of what was seen; by what is shared and pose; lower half by what is shared"""
 
     @classmethod
     def empty(cls, frames: int, size: int, shared: int) -> FrameSystems:
         """Return room for as many frames as `put` is called for."""
-        whole = size + shared
-        return cls(
-            size,
-            np.empty(frames),
-            np.empty((frames, whole)),
-            np.ones(frames),
-            np.zeros((frames, whole)),
-            np.empty((frames, whole * (whole + 1) // 2)),
-            np.empty((frames, size * (size + 1) // 2)),
-        )
+        gradient, since = np.zeros((2, frames, size + shared))
+        costs, share = np.empty(frames), np.ones(frames)
+        nothing = _sparse(np.empty(0))
+        return cls(size, costs, gradient, share, since, [(np.empty(0), nothing, nothing)] * frames)
+
+    @property
+    def shared(self) -> int:
+        """K."""
+        return self.gradient.shape[1] - self.size
 
     def put(self, frame: int, share: float, whole: JointSystem, seen: Floats[P, P]) -> None:
         """Keep a frame's system, in place, of which that share of what was seen counts."""
         self.costs[frame], self.gradient[frame] = whole.cost, whole.gradient
         self.share[frame], self.since[frame] = share, 0.0
-        self._halves[frame] = whole.hessian[_half(self.gradient.shape[1])]
-        self._observed[frame] = seen[_half(self.size)]
+        own, (border, corner) = _half(self.size), np.hsplit(whole.hessian[self.size :], [self.size])
+        poses, shared = np.array([whole.hessian[own], seen[own]]), corner[_half(self.shared)]
+        self._matrices[frame] = poses, _sparse(border.ravel()), _sparse(shared)
 
     def own(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
         """Yield the poses' part, some frames at once."""
         for at in self._parts():
-            yield at, self._halves[at][:, _places(self.size)]
+            yield at, self._of_poses(at, 0)
 
     def observed(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
         """Yield what each frame alone would say of its pose by what was seen, some frames at once."""
         for at in self._parts():
-            yield at, self._observed[at][:, _places(self.size)]
+            yield at, self._of_poses(at, 1)
 
-    @property
-    def border(self) -> Floats[F, P, K]:
-        """By pose and what is shared."""
-        return self._halves[:, _places(self.gradient.shape[1])[: self.size, self.size :]]
+    def border(self, at: slice) -> Floats[N, P, K]:
+        """Return the part of some frames by pose and what is shared."""
+        rows = _dense([border for _, border, _ in self._matrices[at]], self.shared * self.size)
+        return rows.reshape(len(rows), self.shared, self.size).swapaxes(1, 2)
 
     @property
     def corner(self) -> Floats[K, K]:
         """By what is shared, all frames together."""
-        places = _places(self.gradient.shape[1])
-        return self._halves.sum(axis=0)[places[self.size :, self.size :]]
+        total = self._corner(slice(0))
+        for (
+            at
+        ) in self._parts():  # in the order of frames: the same sum however many there are at once
+            total = np.concatenate([total, self._corner(at)]).sum(axis=0, keepdims=True)
+        return total[0, _places(self.shared)]
 
-    def after(self, step: Floats[F, P], shared: Floats[K]) -> FrameSystems:
-        """Return what the frames should say after a step, to second order."""
-        found = deepcopy(self)
+    def after(self, step: Floats[F, P], shared: Floats[K]) -> tuple[FrameSystems, Floats[F]]:
+        """Return what the frames should say after a step, to second order; and the second-order cost ½ δᵀHδ of each frame's steps δ since it
+        was linearised: half their length squared, in standard deviations.
+        """
+        found = replace(self, **{name: getattr(self, name).copy() for name in _BY_FRAME})
+        extrapolated = np.empty(len(self.costs))
         for at in self._parts():
             whole = np.column_stack([step[at], np.tile(shared, (len(step[at]), 1))])
-            bent = self._applied(at, whole)
+            hessian = self._hessian(at)
+            bent = np.einsum("fij,fj->fi", hessian, whole)
             found.costs[at] += (whole * (self.gradient[at] + 0.5 * bent)).sum(axis=1)
             found.gradient[at] += bent
-            found.since[at] += whole
-        return found
+            since = found.since[at]
+            since += whole
+            extrapolated[at] = 0.5 * (since * np.einsum("fij,fj->fi", hessian, since)).sum(axis=1)
+        return found, extrapolated
 
-    @property
-    def extrapolated(self) -> Floats[F]:
-        """The second-order cost ½ δᵀHδ of each frame's steps δ since it was linearised: half their length squared, in standard deviations."""
-        bent = [
-            (self.since[at] * self._applied(at, self.since[at])).sum(axis=1) for at in self._parts()
-        ]
-        return 0.5 * np.concatenate(bent)
+    def _hessian(self, at: slice) -> Floats[N, L, L]:
+        """Return whole matrices of some frames; those beside each other in memory are frames, so that sums over numbers are in their order."""
+        (size, both), border = (self.size, self.gradient.shape[1]), self.border(at)
+        found = np.empty((both, both, len(border)))
+        found[:size, :size] = np.moveaxis(self._of_poses(at, 0), 0, 2)
+        found[:size, size:] = np.moveaxis(border, 0, 2)
+        found[size:, :size] = found[:size, size:].swapaxes(0, 1)
+        found[size:, size:] = np.moveaxis(self._corner(at)[:, _places(self.shared)], 0, 2)
+        return np.moveaxis(found, 2, 0)
 
-    def _applied(self, at: slice, step: Floats[N, L]) -> Floats[N, L]:
-        """Return H δ of some frames."""
-        return np.einsum("fij,fj->fi", self._halves[at][:, _places(step.shape[1])], step)
+    def _of_poses(self, at: slice, which: int) -> Floats[N, P, P]:
+        return np.array([both[which] for both, _, _ in self._matrices[at]])[:, _places(self.size)]
+
+    def _corner(self, at: slice) -> Floats[N, M]:
+        rows = [corner for _, _, corner in self._matrices[at]]
+        return _dense(rows, self.shared * (self.shared + 1) // 2)
 
     def _parts(self) -> Iterator[slice]:
         for first in range(0, len(self.costs), _AT_ONCE):
             yield slice(first, first + _AT_ONCE)
+
+
+_BY_FRAME = ("costs", "gradient", "share", "since", "_matrices")
+"""fields of FrameSystems of which `put` exchanges a row"""
+
+
+def _sparse(row: Floats[N]) -> _Sparse:
+    """Return a row by its entries that are not 0; −0 is one, too."""
+    there = row.view(np.uint64) != 0
+    return np.packbits(there), row[there]
+
+
+def _dense(rows: Sequence[_Sparse], count: int) -> Floats[M, N]:
+    """Return rows of so many entries."""
+    found = np.zeros((len(rows), count))
+    for row, (bits, entries) in zip(found, rows, strict=True):
+        row[np.unpackbits(bits, count=count).view(bool)] = entries
+    return found
 
 
 def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
