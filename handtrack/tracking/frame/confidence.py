@@ -46,7 +46,8 @@ _DOUBTFUL_KEYPOINTS, _LOST_KEYPOINTS = 0.7, 0.35  # share of points near the mod
 _ENOUGH = 5  # tracked frames to go by
 FEWEST_FRAMES = 3
 """before a frame, from which anything is usual"""
-_HISTORY = 30  # frames that tell what is usual
+HISTORY = 30
+"""frames before one that tell what is usual"""
 _LEAST_USUAL = (
     15.0  # energy a view: about half a hand's outline off by one sigma, each stretch on its own
 )
@@ -84,7 +85,7 @@ def _lower_quartile(values: Sequence[float]) -> float:
 
 def _posed(previous: Sequence[FrameResult]) -> list[FrameResult]:
     """Return the frames before that tell what is usual."""
-    return [r for r in previous[-_HISTORY:] if r.status != Status.LOST]
+    return [r for r in previous[-HISTORY:] if r.status != Status.LOST]
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,8 @@ def _doubted(
     off = np.array([model.joint_positions(bones) for bones in poses]) - result.joint_positions
     far_m = np.linalg.norm(off, axis=2)
     weight = np.array([one.weight for one in others])[:, None] * (far_m > APART_M)
-    share = weight / (own + weight.sum(axis=0))
+    # of a pose that all frames call impossible a joint may be where all others have it, too
+    share = weight / np.maximum(own + weight.sum(axis=0), np.finfo(float).tiny)
     covariance = result.joint_covariance + np.einsum("kj,kja,kjb->jab", share, off, off)
 
     def elsewhere(joints: Array, beyond_m: float) -> float:

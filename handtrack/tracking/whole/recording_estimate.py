@@ -15,7 +15,7 @@ from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import in_parallel, one_blas_thread
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.confidence import assessed_as, frame_confidence
+from handtrack.tracking.frame.confidence import HISTORY, assessed_as, frame_confidence
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import by_camera
@@ -416,10 +416,12 @@ def _result(
         iterations=before.iterations + found.sweeps,
         views=frame.terms.views,
     )
-    if seen and before.frame not in likelihood.silent | likelihood.poor:
+    counts = before.frame not in likelihood.silent and before.frame not in likelihood.poor
+    if seen and counts:
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
         moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
-        return frame_confidence(result, terms, pose, energy, tracked[:n], moved_m)
+        previous = tracked[max(n - HISTORY, 0) : n]
+        return frame_confidence(result, terms, pose, energy, previous, moved_m)
     return assessed_as(result, before.status, before.reason)
 
 
