@@ -208,7 +208,14 @@ div:has(> .handtrack-queue) ~ div .mantine-Button-root { height: auto !important
 div:has(> .handtrack-queue) ~ div .mantine-Button-inner { justify-content: flex-start; }
 div:has(> .handtrack-queue) ~ div .mantine-Button-label { white-space: normal; text-align: left; height: auto; line-height: 1.3;
   font-weight: 500; }
-div:has(> .handtrack-note) + div .mantine-Button-root { height: auto !important; margin: 0 .3em .4em; width: auto !important; padding: .15em .6em !important; font-size:.9em; }
+/* an answer stays in sight while the panel is scrolled, with its button in its corner; what hides more than it holds would hold it back */
+div:has(> .handtrack-answer) { position: sticky; top: -8px; z-index: 5; padding-block: 8px 4px; background: var(--mantine-color-body); }
+div:has(> div > div > div > .handtrack-answer) { overflow: visible !important; }
+.handtrack-answer { max-height: 40vh; overflow: auto; }
+.handtrack-note > b { display: block; padding-right: 6em; }
+div:has(+ div > .handtrack-note) { position: relative; z-index: 6; height: 0; padding-block: 0 !important; }
+div:has(+ div > .handtrack-answer) { position: sticky; top: 0; }
+div:has(+ div > .handtrack-note) .mantine-Button-root { display: block; margin-left: auto; height: auto !important; width: auto !important; padding: .15em .6em !important; font-size: .9em; }
 [data-mantine-color-scheme="light"] div[style*="background-color: rgb(255, 255, 255)"]:has(canvas) {
   background-color: #c3c9d2 !important; }
 a[data-frame] { color: inherit; }

@@ -267,8 +267,8 @@ class Messages(Part):
     def build(self) -> None:
         """Add the note where the page builds now."""
         gui = self.gui
-        self.note = self.page.offer(gui.add_html(""), lambda: bool(self._standing))
         self.page.button("Put away", self.put_away, when=lambda: bool(self._standing))
+        self.note = self.page.offer(gui.add_html(""), lambda: bool(self._standing))
 
     def list_in(self, tab: viser.GuiTabHandle) -> None:
         """Add the list of all messages to a tab."""
@@ -315,4 +315,6 @@ def _words(notice: Notice, more: str = "") -> str:
     colour = _COLOURS.get(notice.level, "gray")
     title, text = (_FRAME.sub(_LINK, html.escape(words)) for words in (notice.title, notice.text))
     text = f"<div>{text}</div>" if text else ""
-    return bordered(f"<b>{title}</b>{text}{more}", colour, "handtrack-note")
+    is_answer = notice.level != GUIDE and not notice.of_recording
+    kind = f"handtrack-note{' handtrack-answer' * is_answer}"
+    return bordered(f"<b>{title}</b>{text}{more}", colour, kind)

@@ -18,10 +18,10 @@ def track(bench, first, number):
 
 
 def test_a_take_comes_back(bench, wire):
-    panel, document = bench.layout.takes, bench.worker.document
+    panel = bench.layout.takes
     track(bench, 0, 1)
     first = bends(bench.worker)
-    bench.engine.set_pose(4, tuple(document.start + 0.05), 100)
+    bench.engine.set_pose(4, tuple(bench.worker.document.start + 0.05), 100)
     track(bench, 4, 2)  # the keyframe stays
     second = bends(bench.worker)
     wire.set_value(panel.chosen, "1")

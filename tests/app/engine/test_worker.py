@@ -160,7 +160,7 @@ def test_the_size_is_fitted_before_the_first_tracking_in_sight_and_cancelled_at_
         assert not worker.document.results, "nothing of it is kept"
         worker.engine.cancel()
         listener.told("Cancelled")
-        assert worker.document.shown == pytest.approx(rest), "as it was before"
+        assert worker.document.shown == pytest.approx(rest)
         assert not go_on.is_set(), "it waited until the size was fitted"
         go_on.set()
         time.sleep(0.2)

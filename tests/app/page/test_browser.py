@@ -341,9 +341,13 @@ def _shows_what_matters_whole_until_it_is_put_away(bench, view):
         notices.first.click()
         page.wait_for_timeout(500)
 
-    def read(text):
-        return page.locator(".handtrack-note:visible", has_text=text).count() == 1
+    note = page.locator(".handtrack-note:visible")
 
+    def read(text):
+        return note.filter(has_text=text).count() == 1
+
+    page.get_by_text("Paste").scroll_into_view_if_needed()
+    assert note.bounding_box()["y"] > 0  # in sight, however one scrolls
     assert read("Cause11"), "gone from the scene, not from the page"
     view.press("Put away")
     eventually(lambda: read("Frame 4") and not read("Cause11"))

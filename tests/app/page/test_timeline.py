@@ -97,13 +97,13 @@ def test_the_tab_plots_the_angles_of_a_finger(bench, wire):
 def test_the_card_has_the_score_of_its_own_pose_alone(bench):
     panel = bench.layout.pose
     pose = panel.pose
-    eventually(lambda: panel.score, "it has rested: no other score comes between")
+    eventually(lambda: panel.score)  # it has rested: no other score comes between
     six = {camera: ord(camera) / 100 for camera in "fedcba"}
     own = ScoreSnapshot(pose.frame, tuple(pose.values), six, {})
     for score in (replace(own, frame=7), replace(own, values=(0.0,)), own):
         panel.show_score(score)
         assert ("overlap" in panel.card.content) == (score is own)
-    assert ">a\u00a00.97, b\u00a00.98, c\u00a00.99<" in panel.card.content, "the lowest"
+    assert ">a\u00a00.97, b\u00a00.98, c\u00a00.99<" in panel.card.content  # the lowest
 
 
 def test_the_engine_scores_the_pose_that_is_shown(tmp_path, left_open):
