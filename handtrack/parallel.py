@@ -52,6 +52,11 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return workers(threads)
 
 
+if hasattr(os, "register_at_fork"):
+    # a copy of this process has none of the pool's threads, and would wait for them for ever
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
 class _OneBlasThread(ContextDecorator):
     def __init__(self) -> None:
         self._inside = 0

@@ -33,6 +33,12 @@ from handtrack.errors import HandtrackError
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
+def refused(words, call, *given, **named):
+    """Check that a call is refused in a sentence with these words, a regular expression."""
+    with pytest.raises(HandtrackError, match=words):
+        call(*given, **named)
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     """Random numbers that are the same in every run."""

@@ -60,7 +60,8 @@ def commands(page):
 
 
 def test_links_lead_somewhere():
-    wrong = {name(page): broken_links(page) for page in generate.pages()}
+    pages = *generate.pages(), *REPOSITORY.glob("docs/notebooks/*.ipynb")
+    wrong = {name(page): broken_links(page) for page in pages}
     assert {page: links for page, links in wrong.items() if links} == {}
 
 

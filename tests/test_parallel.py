@@ -1,8 +1,10 @@
 """Independent work on several threads."""
 
+import os
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import get_context
 
 import pytest
 
@@ -25,6 +27,15 @@ def test_work_within_work_does_not_wait_for_itself_and_an_error_is_the_callers(m
     assert found == [[10 * i + j for j in range(3)] for i in range(4)]
     with pytest.raises(ZeroDivisionError):
         in_parallel(lambda item: 1 // item, [2, 1, 0])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
+def test_a_copy_of_the_process_has_threads_of_its_own(monkeypatch):
+    """It waited for those of the first for ever."""
+    monkeypatch.setenv("HANDTRACK_THREADS", "2")
+    in_parallel(str, range(2))
+    with get_context("fork").Pool(1) as pool:
+        assert pool.apply_async(in_parallel, (str, [1, 2])).get(60) == ["1", "2"]
 
 
 @pytest.mark.parametrize(("said", "one"), [("1", True), ("2", False)])

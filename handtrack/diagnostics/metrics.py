@@ -154,9 +154,9 @@ _PCK_MM = np.linspace(0.0, 50.0, 101)
 def evaluate(
     track: TrackResult, truth: Truth, landmarks: str | None = None
 ) -> dict[str, float | int | None]:
-    """Return the measures of contracts §3, in mm; None where there is nothing to measure.
+    """Return the errors of a track against ground truth by their names, in mm; None where there is nothing to measure.
 
-    On top come `finger_swaps` and, of hands, how far their joints are bent (`flexion_errors`, in
+    Besides come `finger_swaps` and, of hands, how far their joints are bent (`flexion_errors`, in
     degrees).
 
     Compared are keypoints21 where the truth has them, else joints of equal name, by frame number.

@@ -284,7 +284,13 @@ class ArticulatedModel:
 
     def checked(self, params: Floats[P], what: str) -> Floats[P]:
         """Return solver parameters as an array of floats. Raises HandtrackError naming `what` where they are not this model's."""
-        values = np.asarray(params, float)
+        try:
+            values = np.asarray(params, float)
+        except (TypeError, ValueError) as error:
+            raise HandtrackError(
+                f"{what}: {type(params).__name__}; expected solver parameters, an array: `params` of a pose that find_pose "
+                "found, or model.params_from({'name': value, …})."
+            ) from error
         check_shape(
             values, (len(self.transform.names),), f"{what}: solver parameters of '{self.name}'"
         )

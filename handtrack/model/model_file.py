@@ -162,7 +162,7 @@ def load_model(
     name: str | Path = "hand26",
     side: str = "right",
     scale: float | HandScale = 1.0,
-    coupling: str = "26",
+    coupling: str | int = "26",
     forearm: bool | float = False,
     spread: Mapping[str, float] | None = None,
     narrowing: bool = True,
@@ -190,6 +190,7 @@ def load_model(
     """
     if side not in ("right", "left"):
         raise HandtrackError(f"side '{side}': a hand is 'right' or 'left'.")
+    coupling = str(coupling)
     check_name("coupling", coupling, COUPLINGS)
     table = _read_definition(str(name))
     size = scale if isinstance(scale, HandScale) else HandScale(float(scale))

@@ -218,6 +218,8 @@ class ImageKeypoints:
 
     def __post_init__(self) -> None:
         """Take lists for arrays, and undistort. Raises HandtrackError where they do not fit together."""
+        how = "ImageKeypoints(camera, names, pixels, sigma_px)"
+        check_kind(self.camera, Camera, "camera of ImageKeypoints", how)
         sigma = np.asarray(self.sigma_px, float)
         _check_points(self, "pixels", 2, sigma)
         object.__setattr__(self, "sigma_px", np.broadcast_to(sigma, len(self.names)))
@@ -252,6 +254,11 @@ class Observation:
 
     def __post_init__(self) -> None:
         """Take lists, and one for several. Raises HandtrackError for what is of another kind."""
+        check_kind(self.frame, (int, np.integer), "frame of an Observation", "a frame's number")
+        seconds, where = "a finite number of seconds", f"time_s of frame {self.frame}"
+        check_kind(self.time_s, (int, float, np.number), where, seconds)
+        if not np.isfinite(self.time_s):
+            raise HandtrackError(f"{where}: {self.time_s}; expected {seconds}.")
         for name, (kinds, how) in _PARTS.items():
             value = getattr(self, name)
             several = tuple(value) if isinstance(value, list | tuple) else (value,)
@@ -289,6 +296,7 @@ class Observation:
         ------
         HandtrackError for a name that is no camera's, for cameras of different numbers of frames, and for no rate.
         """
+        check_kind(masks, Mapping, "masks", "those of each camera by its name: {'left': masks}")
         known = {camera.name: camera for camera in cameras}
         unknown = next((name for name in masks if name not in known), None)
         if unknown is not None:
@@ -335,6 +343,9 @@ def _check_points(
     points: Keypoints | ImageKeypoints, field_name: str, width: int, sigma: Floats[*Axes]
 ) -> None:
     names = tuple(points.names)
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise HandtrackError(f"keypoints: '{twice}' is named twice; expected each joint once.")
     values = np.asarray(getattr(points, field_name), float)
     check_shape(values, (len(names), width), f"{field_name} of {len(names)} keypoints")
     if sigma.ndim:

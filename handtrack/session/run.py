@@ -31,7 +31,7 @@ from handtrack.model.size import (
     unmeasured_size,
     without_forearm_end,
 )
-from handtrack.observation.observation import Keypoints, Observation
+from handtrack.observation.observation import Keypoints, Observation, check_kind
 from handtrack.parallel import in_parallel, thread_count
 from handtrack.session.first_pose.first_pose import FirstPose, poses_from_images
 from handtrack.session.session import Session
@@ -102,6 +102,7 @@ class TrackingRun:
         ------
         HandtrackError
         """
+        check_kind(session, Session, "session", "Session.open(folder)")
         settings = session.settings.with_values(overrides or {})
         session = session.as_tracked_by(settings)
         first = first or (session.init if use_init else None)

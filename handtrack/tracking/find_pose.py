@@ -7,7 +7,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Floats, J, P, array_dataclass
+from handtrack.arrays import D3, D21, Floats, J, P, array_dataclass, indices
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix, turned_by
 from handtrack.model.articulated import ArticulatedModel
@@ -24,6 +24,8 @@ SURE = 0.85
 """from which confidence on a first pose is taken and no other frame is tried: of those at 0.70 to 0.80 half are wrong, of those above 0.9 none
 (ten recordings, docs/explanation/search.md)"""
 _TURNED_DEG = 30.0  # less than that is not worth a word
+_OTHER_UNIT = 5.0
+"""times as large or as small as a relaxed hand or body: fists, children and poor points are within half of it, inches and centimetres are not"""
 _TRIED = 4
 """frames of a sequence in which a surer pose is looked for than the best so far"""
 
@@ -73,9 +75,11 @@ def find_pose(
     open or half-open hand (some seconds); last the joints of one image, which leave several poses open. A body is found by points
     and joints only. Raises HandtrackError for a simpler hand, where there are no points in space, and for a body without joints.
     """
+    check_kind(model, ArticulatedModel, "model", "load_model('hand26')")
     check_kind(observation, Observation, "observation", "one Observation(frame, time_s, …)")
     points = _points(model, observation, settings)
     if points is not None:
+        _check_size(model, points)
         placed = Candidate(model, fit_keypoints(model, points), 0.0, confidence=1.0)
         return [PoseEstimate.of(placed, observation.frame, "points")]
     if model.kind == "hand" and not model.has_keypoints21:
@@ -93,6 +97,21 @@ def find_pose(
             f"{observation.frame} has none. Add them, or give solver parameters: model.params_from({{'name': value, …}})."
         )
     return poses_by_joints(model, observation.frame, joints) if joints else []
+
+
+def _check_size(model: ArticulatedModel, seen: Keypoints) -> None:
+    """Raise HandtrackError for points that no pose of the model comes near, of another unit than metres."""
+    known = np.isfinite(seen.positions).all(axis=1)
+    at_rest = model.joint_positions(model.bones(model.rest_params()))
+    own = at_rest[indices(model.joint_names, seen.names)]
+    found, usual = (
+        float(np.linalg.norm(np.ptp(at[known], axis=0))) for at in (seen.positions, own)
+    )
+    if not usual / _OTHER_UNIT < found < usual * _OTHER_UNIT:
+        raise HandtrackError(
+            f"the joints in space extend over {found:.3g} m, those of the model '{model.name}' over {usual:.3g} m. Are points, or places of "
+            "cameras, in another unit than metres?"
+        )
 
 
 def differs(best: PoseEstimate, other: PoseEstimate) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -52,8 +53,9 @@ def track(
     HandtrackError
         Where there is nothing to track, or no first pose is found.
     """
-    single = isinstance(observations, Observation)
-    given = [observations] if single else list(observations)  # pyright: ignore[reportArgumentType]
+    tracker = Tracker(model, settings, terms, priors)
+    several = isinstance(observations, Iterable)
+    given = list(observations) if several else [observations]
     for seen in given:
         check_kind(seen, Observation, "observations", _HOW)
     by_frame = {seen.frame: seen for seen in given}
@@ -64,6 +66,12 @@ def track(
         )
     numbers = np.array(sorted(by_frame))
     times = np.array([by_frame[number].time_s for number in numbers])
+    if (np.diff(times) <= 0).any():
+        row = int((np.diff(times) <= 0).argmax())
+        raise HandtrackError(
+            f"time_s of frames {numbers[row]} and {numbers[row + 1]}: {times[row]:g} and {times[row + 1]:g}; expected seconds that "
+            "grow with the frame's number."
+        )
     frames = range(int(numbers[0]), int(numbers[-1]) + 1)
     first, params, sure = frames.start, start, 1.0
     if params is not None:
@@ -78,7 +86,7 @@ def track(
         missing = Observation(frame, float(np.interp(frame, numbers, times)))
         return by_frame.get(frame, missing)
 
-    tracker = Tracker(model, settings, tuple(terms), tuple(priors), sure)
+    tracker = replace(tracker, start_confidence=sure)
     results = track_recording(tracker, observe, first, model.clipped(params), frames, control)
     labels = TrackLabels.of(model, settings=json.dumps(settings.flat(), sort_keys=True))
     return labels.track(results)

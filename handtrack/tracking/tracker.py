@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import takewhile
@@ -12,7 +13,7 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Observation
+from handtrack.observation.observation import Observation, check_kind
 from handtrack.parallel import one_blas_thread
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.find_pose import SURE
@@ -39,9 +40,9 @@ class Tracker:
 
     model: ArticulatedModel
     settings: TrackerSettings = TrackerSettings()
-    terms: tuple[ObservationTerm, ...] = ()
+    terms: Sequence[ObservationTerm] = ()
     """costs of the caller's own, of bone poses: they count in every frame in which anything was seen"""
-    priors: tuple[ParameterTerm, ...] = ()
+    priors: Sequence[ParameterTerm] = ()
     """the same, of joint parameters"""
     start_confidence: float = 1.0
     """0 to 1, how sure the pose is that a first frame begins with: no frame is called surer before some have confirmed it"""
@@ -49,6 +50,19 @@ class Tracker:
     """what is found of the person when a recording is refined"""
     cameras: tuple[CameraError, ...] = ()
     """what refining a recording found of its cameras, by which frames beside new poses follow"""
+
+    def __post_init__(self) -> None:
+        """Take lists of terms, and one for several. Raises HandtrackError for what is of another kind."""
+        check_kind(self.model, ArticulatedModel, "model", "load_model('hand26')")
+        how = "TrackerSettings().with_values({'solver.iterations': 10, …})"
+        check_kind(self.settings, TrackerSettings, "settings", how)
+        for name, kind in (("terms", ObservationTerm), ("priors", ParameterTerm)):
+            value = getattr(self, name)
+            several = tuple(value) if isinstance(value, list | tuple) else (value,)
+            for one in several:
+                how = f"{kind.__name__}s (docs/contributing/adding_a_term.md)"
+                check_kind(one, kind, name, how)
+            object.__setattr__(self, name, several)
 
     def step(
         self, state: TrackerState, observation: Observation, control: Control = Control()
@@ -61,6 +75,8 @@ class Tracker:
             `TrackerState.beginning_at(pose)` for a first frame, then the one that was returned
             last. A step that is stopped returns what it has; its state is not to be stepped from.
         """
+        check_kind(state, TrackerState, "state", "TrackerState.beginning_at(params)")
+        check_kind(observation, Observation, "observation", "Observation(frame, time_s, …)")
         after, solved = self._stepped(state, observation, control)
         return after, solved.result
 
@@ -168,6 +184,6 @@ def _predicted(model: ArticulatedModel, state: TrackerState, frame: int) -> Floa
     return predict(model, state.results, frame)
 
 
-def _joined(seen: tuple[Any, ...], own: tuple[Any, ...]) -> tuple[Any, ...]:
+def _joined(seen: Sequence[Any], own: Sequence[Any]) -> tuple[Any, ...]:
     """Return terms of both, each once: what was seen may have them already."""
     return (*seen, *(term for term in own if not any(term is other for other in seen)))

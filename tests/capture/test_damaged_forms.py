@@ -15,6 +15,7 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.session.formats.truth import import_truth
 from tests.capture.sample_files import filmed, forms, sample
+from tests.conftest import refused
 
 _TIMES = 12
 _PIECES = [
@@ -122,8 +123,7 @@ def test_nothing_that_names_other_files_is_opened(name, tmp_path, monkeypatch):
     playlist, other = tmp_path / "session" / name, write_video(tmp_path / "secret.mp4")
     playlist.write_text(PLAYLISTS[name].replace("{other}", str(other)))
     monkeypatch.setattr(cv2, "VideoCapture", None)  # OpenCV does not get to see it
-    with pytest.raises(HandtrackError, match=name):
-        VideoFile(playlist)
+    refused(name, VideoFile, playlist)
 
 
 def test_opening_ends_in_time(tmp_path, monkeypatch):
@@ -133,5 +133,4 @@ def test_opening_ends_in_time(tmp_path, monkeypatch):
     path.write_bytes(path.read_bytes()[:40])
     with path.open("r+b") as file:
         file.truncate(8 << 40)
-    with pytest.raises(HandtrackError, match="cannot be opened"):
-        VideoFile(path)
+    refused("cannot be opened", VideoFile, path)

@@ -16,6 +16,7 @@ from handtrack.detector.weights import (
     installed_weights,
     read_weights,
 )
+from tests.conftest import refused
 
 NETWORK = b"\x1c\0\0\0TFL3" + bytes(40)
 NAMES = ("hand_detector.tflite", "hand_landmarks_detector.tflite")
@@ -49,21 +50,17 @@ def test_what_is_no_such_file_is_refused(tmp_path):
         (task(tmp_path / "half.task", NAMES[:1]), f"there is no {NAMES[1]} in it"),
         (tmp_path, "is a folder"),
     ):
-        with pytest.raises(HandtrackError, match=expected):
-            read_weights(path)
-    with pytest.raises(HandtrackError, match="no such file"):
-        read_weights(tmp_path / "nothing.task")
+        refused(expected, read_weights, path)
+    refused("no such file", read_weights, tmp_path / "nothing.task")
 
 
 def test_networks_that_would_fill_the_memory_are_not_unpacked(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_MOST_BYTES", 4000)
     path = task(tmp_path / "bomb.task", content=NETWORK + bytes(100_000))
     assert path.stat().st_size < 4000
-    with pytest.raises(HandtrackError, match="would take"):
-        read_weights(path)
+    refused("would take", read_weights, path)
     monkeypatch.setattr(module, "_MOST_BYTES", 100)
-    with pytest.raises(HandtrackError, match="has 0 MB"):
-        read_weights(path)
+    refused("has 0 MB", read_weights, path)
 
 
 def trusted(monkeypatch):

@@ -10,6 +10,7 @@ from handtrack.files.text_files import read_json
 from handtrack.files.toml_edit import changed_toml
 from handtrack.files.toml_table import read_toml, toml_item
 from handtrack.files.yaml_text import parse_yaml
+from tests.conftest import refused
 
 BIG = "1" + "0" * 400
 
@@ -143,8 +144,7 @@ def test_a_file_far_larger_than_settings_are_is_not_read(tmp_path, monkeypatch):
     with path.open("r+b") as file:
         file.truncate(200 << 20)
     monkeypatch.setattr(Path, "read_text", None)
-    with pytest.raises(HandtrackError, match=r"session.toml has 210 MB"):
-        read_toml(path, "settings")
+    refused(r"session.toml has 210 MB", read_toml, path, "settings")
 
 
 @pytest.mark.parametrize(("text", "expected"), [

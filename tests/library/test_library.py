@@ -1,18 +1,17 @@
 """What people import: small, documented, and enough without a session."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import (
     HandScale,
-    HandtrackError,
     ImageKeypoints,
     JointPositionTerm,
     Keypoints,
     Observation,
-    Tracker,
-    TrackerState,
     bundled_session,
     find_pose,
     load_model,
@@ -22,6 +21,7 @@ from handtrack import (
 from handtrack.model.articulated import keypoint_names
 from handtrack.terms.priors.priors import GaussianPrior
 from tests.cameras import pinhole
+from tests.conftest import refused
 from tests.derivatives import check_observation_term
 from tests.sample_track import hand_track
 
@@ -45,8 +45,7 @@ def test_calibrations_are_read_in_metres(tmp_path):
     assert CAMERAS.names == ("cam0", "cam1", "cam2")
     text = '{"a": {"K": [[500, 0, 320], [0, 500, 240], [0, 0, 1]], "dist": [0, 0, 0, 0, 0], "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0, 0, 3]}}'
     (tmp_path / "c.json").write_text(text)
-    with pytest.raises(HandtrackError, match="no image size"):
-        read_cameras(tmp_path / "c.json")
+    refused("no image size", read_cameras, tmp_path / "c.json")
     camera = read_cameras(tmp_path / "c.json", unit_m=0.1, size=(640, 480))["a"]
     assert_allclose(camera.translation, [0, 0, 0.3])
 
@@ -72,8 +71,7 @@ def test_values_that_follow_need_not_be_given_and_may_not_contradict():
     assert joint(bent, "index_dip_flex") == pytest.approx(0.4)
     assert joint(coupled.params_from({"index_dip_flex": 0.4}), "index_pip_flex") == pytest.approx(0.6)  # fmt: skip
     against = {"index_pip_flex": 0.6, "index_dip_flex": 0.0}
-    with pytest.raises(HandtrackError, match=r"'21'.*index_.*nearest=True"):  # fmt: skip
-        coupled.params_from(against)
+    refused(r"'21'.*index_.*nearest=True", coupled.params_from, against)
     nearest = joint(coupled.params_from(against, nearest=True), "index_pip_flex")
     assert nearest == pytest.approx(0.6 / (1 + 4 / 9))
 
@@ -83,18 +81,22 @@ def test_what_does_not_fit_is_refused_in_words():
     at = HAND.joint_positions(HAND.bones(posed()))
     listed = Keypoints(list(HAND.joint_names), at.tolist(), 0.003)  # type: ignore[arg-type]
     assert listed.positions.shape == at.shape
-    with pytest.raises(HandtrackError, match=r"\(1, 3\).*\(21, 3\)"):  # fmt: skip
-        Keypoints(("wrist",), at, 0.003)
-    with pytest.raises(HandtrackError, match=r"\(1, 2\)"):
-        ImageKeypoints(CAMERAS["cam0"], ("wrist",), at[:1], 2.0)
-    with pytest.raises(HandtrackError, match="0.0"):  # fmt: skip
-        Keypoints(HAND.joint_names, at, 0.0)
-    with pytest.raises(HandtrackError, match="'indx'.*'index'"):  # fmt: skip
-        load_model("hand26", scale=HandScale(1.0, {"indx": 1.1}))
-    with pytest.raises(HandtrackError, match=r"\(26\).*\(5,\)"):  # fmt: skip
-        track(HAND, [points(posed())], start=np.zeros(5))
-    with pytest.raises(HandtrackError, match="root_tx"):
-        Tracker(HAND).step(TrackerState.beginning_at(posed() * np.nan), points(posed()))
+    seen = points(posed())
+    mm = Keypoints(HAND.joint_names, 1e3 * at, 1.0)
+    refused(r"\(1, 3\).*\(21, 3\)", Keypoints, ("wrist",), at, 0.003)
+    refused("0.0", Keypoints, HAND.joint_names, at, 0.0)
+    refused("twice", Keypoints, ("nose",) * 21, at, 0.003)
+    refused(r"\(1, 2\)", ImageKeypoints, CAMERAS["cam0"], ("wrist",), at[:1], 2.0)
+    refused("camera", ImageKeypoints, "cam0", HAND.joint_names, at[:, :2], 2.0)
+    refused("seconds", Observation, 0, np.nan)
+    refused("'indx'.*'index'", load_model, scale=HandScale(1.0, {"indx": 1.1}))
+    refused("load_model", track, "hand26", seen)
+    refused(r"\(26\).*\(5,\)", track, HAND, seen, start=np.zeros(5))
+    refused("params_from", track, HAND, seen, "rest")
+    refused("ObservationTerm", track, HAND, seen, terms=abs)
+    refused("grow", track, HAND, [seen, replace(seen, frame=1)])
+    refused("unit", track, HAND, Observation(0, 0.0, keypoints=(mm,)))
+    refused("root_tx", track, HAND, seen, posed() * np.nan)
 
 
 def test_numbers_by_name():
@@ -104,10 +106,8 @@ def test_numbers_by_name():
     assert_allclose(result.angle(name), np.rad2deg(result.parameters[:, row]))
     assert_allclose(result.angle(name, degrees=False), result.parameters[:, row])
     assert_allclose(result.joint("wrist"), result.joint_positions[:, 0])
-    with pytest.raises(HandtrackError, match="no angle 'index_pip'"):
-        result.angle("index_pip")
-    with pytest.raises(HandtrackError, match="no joint 'thumb'"):
-        result.joint("thumb")
+    refused("no angle 'index_pip'", result.angle, "index_pip")
+    refused("no joint 'thumb'", result.joint, "thumb")
 
 
 def test_tables_for_pandas_and_xarray():
@@ -159,5 +159,4 @@ def test_a_recording_of_masks_becomes_observations_in_one_call():
         ({"middle": masks["left"]}, 1, "middle"),
         (masks, 0, "fps"),
     ):
-        with pytest.raises(HandtrackError, match=words):
-            Observation.sequence(cameras, wrong, fps)
+        refused(words, Observation.sequence, cameras, wrong, fps)

@@ -5,11 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import (
-    HandtrackError,
     load_model,
 )
 from handtrack.export.motion.xml_models import urdf_text
-from tests.conftest import REPOSITORY
+from tests.conftest import REPOSITORY, refused
 
 GRIPPER = REPOSITORY / "docs" / "notebooks" / "gripper.urdf"
 CLAW = REPOSITORY / "tests" / "export" / "claw.toml"
@@ -96,8 +95,7 @@ def test_what_is_no_hand_is_refused(tmp_path, old, new, words):
     text = GRIPPER.read_text()
     assert old in text
     (tmp_path / "odd.urdf").write_text(text.replace(old, new, 1))
-    with pytest.raises(HandtrackError, match=f"odd.urdf: .*{words}"):
-        load_model(tmp_path / "odd.urdf")
+    refused(f"odd.urdf: .*{words}", load_model, tmp_path / "odd.urdf")
 
 
 HAND = """<mujoco model="pincher">

@@ -7,11 +7,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from handtrack import HandtrackError, Silhouette
+from handtrack import Silhouette
 from handtrack.observation.agreement import outline_errors_px, suspected
 from handtrack.observation.lens_maps import longest_runs
 from handtrack.observation.observation import UNKNOWN, undistort_image, undistort_silhouette
 from tests.cameras import pinhole
+from tests.conftest import refused
 
 HAND = np.zeros((120, 160), bool)
 HAND[30:90, 40:100] = True
@@ -66,8 +67,7 @@ def test_a_lens_is_undistorted_as_a_session_does():
     ],
 )
 def test_what_is_no_mask_is_refused(mask, words):
-    with pytest.raises(HandtrackError, match=f"^mask of camera 'cam0': .*{words}"):
-        Silhouette(camera(), mask)
+    refused(f"^mask of camera 'cam0': .*{words}", Silhouette, camera(), mask)
 
 
 @pytest.mark.parametrize("distortions", [np.zeros(5), BARREL], ids=["flat", "barrel"])

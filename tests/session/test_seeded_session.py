@@ -6,10 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack import HandtrackError, Session
+from handtrack import Session
 from handtrack.capture.images.openpose import LAYOUTS, write_points
 from handtrack.session.doctor.check_views import check_view
 from tests.capture.seeded_scenes import SIZE, recording
+from tests.conftest import refused
 
 SETTINGS = """
 [session]
@@ -84,5 +85,4 @@ def test_files_of_masks_may_say_that_nobody_knows(folder):
     assert (seen.mask == -1).sum() == 500
     (plain,) = opened(folder, '"masks/*.png"').observation(0).silhouettes
     assert plain.mask.min() == 0
-    with pytest.raises(HandtrackError, match="mask_unknown"):
-        opened(folder, '{ method = "skin_ycrcb" }', "mask_unknown = 90\n")
+    refused("mask_unknown", opened, folder, '{ method = "skin_ycrcb" }', "mask_unknown = 90\n")

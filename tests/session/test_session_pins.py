@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from handtrack import CameraRig, HandtrackError, Session
+from handtrack import CameraRig, Session
 from handtrack.observation.pins import Pin
 from handtrack.session.sources.session_pins import SessionPins
 from tests.cameras import pinhole
+from tests.conftest import refused
 from tests.session.small_session import make_session
 
 LENS = np.array([-0.2, 0.05, 0.001, -0.001, 0.0])
@@ -46,8 +47,7 @@ def test_pins_come_back_from_the_file_and_lie_there_in_the_image_as_it_was_taken
 )
 def test_a_damaged_pin_is_said_in_words(tmp_path, row, words):
     (tmp_path / "pins.json").write_text(json.dumps({"format": 1, "pins": [row]}))
-    with pytest.raises(HandtrackError, match=words):
-        SessionPins(tmp_path, RIG)
+    refused(words, SessionPins, tmp_path, RIG)
 
 
 def test_a_session_observes_its_pins(tmp_path):

@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack import HandtrackError, Session
+from handtrack import Session
 from handtrack.session.sources.video_audits import keep_audits
 from tests.capture.sample_files import filmed as video_of
+from tests.conftest import refused
 from tests.session.small_session import edit, make_session, write_init
 
 COUNT = 12
@@ -130,8 +131,6 @@ def test_a_first_pose_behind_the_end_of_a_cut_video_is_refused_once_it_is_counte
     cut(filmed / "cam0.avi")
     session = Session.open(filmed)
     count = session.frame_count
-    with pytest.raises(HandtrackError, match=f"38.* 0 to {count - 1}"):
-        session.check_init()
+    refused(f"38.* 0 to {count - 1}", session.check_init)
     write_init(filmed, frame=FRAMES)
-    with pytest.raises(HandtrackError, match="40.* 0 to 39"):
-        Session.open(filmed)
+    refused("40.* 0 to 39", Session.open, filmed)

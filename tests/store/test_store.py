@@ -17,6 +17,7 @@ from handtrack.store.history import Action, Change, History
 from handtrack.store.lease import Lease, LeaseTaken, holder_of
 from handtrack.store.log import Record, encoded, scan
 from handtrack.store.store import Span, Store, WritableStore, with_span
+from tests.conftest import refused
 from tests.store.made import about, add_take, files_of, same, step
 
 
@@ -129,11 +130,9 @@ def test_a2_a6_a_file_in_the_place_of_ours_is_noticed_and_a_folder_that_is_gone_
     store, frame = WritableStore(folder, "a test"), step(np.random.default_rng(0), 0)
     writer, path = store.begin(about()), folder / "takes/0001/000001.log"
     shutil.copyfile(path, path.with_suffix(".copy")).replace(path)
-    with pytest.raises(HandtrackError, match="another program"):
-        writer.add(frame)
+    refused("another program", writer.add, frame)
     shutil.rmtree(folder)
-    with pytest.raises(HandtrackError, match="moved"):
-        writer.add(frame)
+    refused("moved", writer.add, frame)
     store.close()
     assert not folder.exists()
 
@@ -235,8 +234,7 @@ def test_a2_a_second_writer_is_told_who_writes_and_may_read_or_take_over_and_not
     assert first.lease.holder == holder_of(tmp_path)
     with WritableStore(tmp_path, "the second", take_over=True) as second:
         assert second.lease.generation == 2
-        with pytest.raises(HandtrackError, match="`the second`"):
-            begun.add(step(rng, 1))
+        refused("`the second`", begun.add, step(rng, 1))
         second.go_on(second.take(1)).add(step(rng, 1))
     first.close()
     assert holder_of(tmp_path) is None

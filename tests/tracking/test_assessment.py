@@ -90,9 +90,10 @@ def test_a_finger_that_is_elsewhere_is_doubtful_in_a_single_frame(seen, angles, 
     assert assessed(replace(seen, silhouettes=tuple(wide)), MODEL.clipped(pose))[0] == expected
 
 
-def test_keypoints_alone_are_doubtful():
-    given = Observation(0, 0.0, (), (Keypoints(keypoint_names(), KEYPOINTS, 0.005),))
-    assert assessed(given)[0] == DOUBTFUL
+@pytest.mark.parametrize(("off_m", "expected"), [(0.0, TRACKED), (1.0, LOST)])
+def test_points_in_space_alone_say_whether_a_pose_meets_them(off_m, expected):
+    given = Keypoints(keypoint_names(), KEYPOINTS + off_m, 0.005)
+    assert assessed(Observation(0, 0.0, (), (given,)))[0] == expected
 
 
 def test_a_finger_that_a_mask_lacks_is_where_a_detector_sees_it(seen):

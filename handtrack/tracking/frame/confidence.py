@@ -181,7 +181,7 @@ def assess(
     terms: FrameTerms, bones: BonePoses, energy: float, previous: Sequence[FrameResult]
 ) -> tuple[Status, Reason | None]:
     """Return a frame's status and, unless it is tracked, the reason."""
-    if not terms.views and terms.detected:
+    if not terms.views and terms.keypoints:
         return _by_keypoints(terms, bones)
     if not terms.views:
         return Status.DOUBTFUL, Reason("given keypoints")

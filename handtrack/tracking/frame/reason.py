@@ -86,8 +86,8 @@ KINDS: dict[str, tuple[str, str]] = {
     ),
     "given": ("input pose; its texture is carried from here on", "input pose"),
     "given keypoints": (
-        "no observation; only the input keypoints constrain the pose",
-        "input keypoints alone",
+        "no observation; only what was set by hand constrains the pose",
+        "set by hand alone",
     ),
     "out of view": ("model and silhouette are outside all views", "out of view"),
     "overlap": (

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import D3, Floats, J, S, array_dataclass
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, index_of
 from handtrack.geometry.rotation import rotation_vector, spread_rotations
 from handtrack.geometry.triangulation import missed_px
 from handtrack.geometry.triangulation import triangulated as lines_meet
@@ -201,7 +201,9 @@ def _placed(model: ArticulatedModel, seen: ImageKeypoints) -> list[tuple[Floats,
     camera = seen.camera
     known = np.asarray(np.isfinite(seen.pixels).all(axis=1))
     rays = (seen.pixels[known] - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
-    index = [model.joint_names.index(n) for n, k in zip(seen.names, known, strict=True) if k]
+    where = f"the keypoints of {model.name}"
+    named = [name for name, is_known in zip(seen.names, known, strict=True) if is_known]
+    index = [index_of("joint", name, model.joint_names, where) for name in named]
     rotations = spread_rotations(_ROTATIONS)
     near, far = (share * model_length(model) for share in (_NEAREST, _FARTHEST))
     found: list[tuple[Floats, float]] = []
