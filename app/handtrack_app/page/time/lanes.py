@@ -418,7 +418,7 @@ def _grid(window: Window, height: int) -> str:
 
 def _numbers(window: Window, top: int) -> str:
     return "".join(
-        f"<div style='position:absolute;left:{window.place(f) / WIDTH * 100:.2f}%;top:{top + 2}px;transform:translateX(-50%);"
+        f"<div style='position:absolute;left:{window.place(f) / WIDTH * 100:.2f}%;top:{top + 2}px;line-height:{_AXIS - 2}px;transform:translateX(-50%);"
         f"opacity:.85;font-size:11px'>{f}</div>"
         for f in window.ticks()
     )
