@@ -53,7 +53,7 @@ class Setting:
         try:
             found = self._converted(value)
         except (TypeError, ValueError):
-            raise ValueError(f"a value of kind {self.kind_words}") from None
+            raise ValueError(self.range_words) from None
         if self.choices and found not in self.choices:
             raise ValueError(f"one of {', '.join(self.choices)}")
         if self.many and not found:
@@ -66,12 +66,10 @@ class Setting:
         return found
 
     @property
-    def kind_words(self) -> str:
-        return f"several {self.kind.__name__}" if self.many else self.kind.__name__
-
-    @property
     def range_words(self) -> str:
-        """What numbers are accepted, in words."""
+        """What values are accepted, in words."""
+        if self.kind is bool:
+            return "true or false"
         if self.kind is str:
             return "names"
         kind = "numbers" if self.many else "a whole number" if self.kind is int else "a number"

@@ -546,12 +546,13 @@ def tracked_for_size(run: TrackingRun, frames: range | None, control: Control) -
     """Return frames tracked from the first pose, each by those before it: all of `frames`, or unless given until enough are sure."""
     live, (start, params) = run.with_values({"tracker.estimate": "forward"}), run.initial()
     results: list[FrameResult] = []
+    sure = 0
     wanted = frames or run.session.frame_range
     observer, shown = control.observer, Observer()
     shown.provisional = observer.tried
     for result in live.track(wanted, start, params, Control(control.should_stop, shown)):
         results.append(result)
-        count, sure = len(results), sum(r.status == Status.TRACKED for r in results)
+        count, sure = len(results), sure + (result.status == Status.TRACKED)
         least = len(wanted) if frames else min(_STRETCH, len(wanted))
         share = TRACKED_SHARE * min(count / least, 1.0)
         observer.progress(share, f"{count} frames tracked, {sure} are sure", "size")

@@ -45,7 +45,8 @@ def test_a_sound_session_is_all_ok(folder):
     assert {finding.severity for finding in findings} == {"ok"}, findings
 
 
-EMPTY, FULL = np.zeros((48, 64), np.uint8), np.full((48, 64), 255, np.uint8)
+EMPTY = np.zeros((48, 64), np.uint8)
+FULL = ~EMPTY
 EDGE = EMPTY.copy()
 EDGE[5:43, :30] = 255
 
@@ -266,8 +267,7 @@ class Recording:
 def recorded(cameras=3):
     rng, rig = np.random.default_rng(5), simulated_rig(cameras, SIZE, 0.5, True)
     hand = WAVING - WAVING.mean(axis=(0, 1))  # in the middle of the images
-    noise = rng.normal(0, NOISE_PX, (cameras, *hand.shape[:2], 2))
-    pixels = {c.name: c.project(hand) + off for c, off in zip(rig, noise, strict=True)}
+    pixels = {c.name: c.project(hand) + rng.normal(0, NOISE_PX, (*hand.shape[:2], 2)) for c in rig}
     return Recording({camera.name: camera for camera in rig}, pixels)
 
 
@@ -283,7 +283,7 @@ def changed(change, *names):
 
 def seen(name, change):
     """Return what lets a camera see something else."""
-    return lambda it: it.pixels.update({name: change(it)})
+    return lambda it: it.pixels.update({name: change(it.pixels[name])})
 
 
 def exchanged(it):
@@ -293,8 +293,8 @@ def exchanged(it):
 MISTAKES = {
     "C27 inverse": (changed(lambda c: {"rotation": c.rotation.T, "translation": -c.rotation.T @ c.translation}), "led from the camera to the world"),
     "C28 exchanged": (exchanged, "if cameras 'cam0' and 'cam2' were exchanged"),
-    "C29 mirrored": (seen("cam1", lambda it: it.pixels["cam1"] * (-1, 1) + (SIZE[0] - 1, 0)), "if the images of camera 'cam1' were mirrored"),
-    "late by one": (seen("cam1", lambda it: it.pixels["cam1"][[0, *range(len(WAVING) - 1)]]), "with camera 'cam1' 1 frame late"),
+    "C29 mirrored": (seen("cam1", lambda at: at * (-1, 1) + (SIZE[0] - 1, 0)), "if the images of camera 'cam1' were mirrored"),
+    "late by one": (seen("cam1", lambda at: at[[0, *range(len(at) - 1)]]), "with camera 'cam1' 1 frame late"),
     "another size": (changed(lambda c: {"matrix": c.matrix * [[1.5], [1.5], [1.0]]}, "cam2"), "if the matrix of camera 'cam2' were 0.667 times what it is"),
     "millimetres": (changed(lambda c: {"translation": 1000 * c.translation}), "With world_unit_m = 0.001 (millimetres) it were"),
     "other side": (lambda it: setattr(it, "side", "left"), "its joints are a right hand's"),
@@ -313,15 +313,18 @@ def test_a_mistake_is_named_and_no_other(tmp_path, mistake):
 def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path):
     """In most frames the detector takes something else for the ring finger, in one camera."""
     it = recorded()
-    ring = slice(13, 17)
-    it.pixels["cam1"][: len(WAVING) * 3 // 4, ring] += (-30.0, -25.0)
+    it.pixels["cam1"][: len(WAVING) * 3 // 4, 13:17] += (-30.0, -25.0)
     (said,) = it.warnings(tmp_path)
     assert "'cam1'" in said and "ring" in said and "'cam0'" not in said
 
 
-@pytest.mark.parametrize("cameras", [2, 3, 4])
-def test_a_sound_calibration_is_left_alone(tmp_path, cameras):
-    (found,) = recorded(cameras).found(tmp_path)
+@pytest.mark.parametrize(("cameras", "every"), [(2, 99), (3, 2), (4, 99)])
+def test_a_sound_calibration_is_left_alone(tmp_path, cameras, every):
+    """Where joints were marked in every other frame, a camera shares none with the others a frame later: they then agree without it."""
+    it = recorded(cameras)
+    for pixels in it.pixels.values():
+        pixels[1::every] = np.nan
+    (found,) = it.found(tmp_path)
     assert found.severity == "ok"
 
 

@@ -471,6 +471,8 @@ def run(options: Namespace) -> Answer:
             f"--out {options.out}: there is a batch of {len(before)} recordings. --resume goes on with it, and leaves out what is "
             "done; name another folder to begin anew."
         )
+    if out.is_file():
+        raise HandtrackError(f"--out {options.out} is a file. Name a folder with --out.")
     words = track_words(options)
     plan = recordings(options.pattern, words, out)
     known = [before.get(one.folder) for one in plan]

@@ -80,8 +80,9 @@ def detect(options: Namespace) -> Answer:
     masks = camera_changes(session, often, mask_settings)
     if options.masks:
         changes |= masks
-    by = " Masks are made by them (method seeded)." if options.masks and masks else ""
-    used = f"{by} `handtrack track` takes them beside all else."
+    masked = [c.name for c in session.file.cameras if c.name in often and mask_settings(c)]
+    by = f" Masks of {', '.join(masked)} are made by them (method seeded)."
+    used = f"{by if options.masks and masks else ''} `handtrack track` takes them beside all else."
     to_use = _used(session, changes, options.write, used) if changes else []
     note(*_notes(session, counts), *session.warnings)
     cameras = {camera: {"camera": camera, **row} for camera, row in counts.items()}

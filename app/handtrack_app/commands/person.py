@@ -63,7 +63,7 @@ def fit_person(options: Namespace) -> int | Answer:
         if options.init == "auto":
             first = search_first_pose(session, overrides, frames, stop, options.yes)
         print_status(
-            f"tracking {len(frames)} frames, and fitting the {kind}'s size to {options.count} of them …"
+            f"tracking {len(frames)} frames, and fitting the {kind}'s size to {min(options.count, len(frames))} of them …"
         )
         before = after = None
         if not stop():

@@ -257,8 +257,8 @@ class ImageFiles:
             if image.dtype != np.uint16 or image.ndim != 2:
                 raise HandtrackError(
                     f"{path}: depth must be one channel of 16 bits; found {image.dtype}, shape "
-                    f"{image.shape}. Eight bits, or colours, are a picture of depth, too coarse to measure by: export "
-                    "16 bit PNG or TIFF files, and say in depth_scale_m how many metres one unit is."
+                    f"{image.shape}. Export 16 bit PNG or TIFF files, and say in depth_scale_m how many metres one unit is. "
+                    "Eight bits, or colours, are a picture of depth, too coarse to measure by."
                 )
         elif self._kind == MASK:
             image = _mask(image, path)

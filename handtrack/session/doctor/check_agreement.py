@@ -207,6 +207,7 @@ _MOST_OFF = 0.06
 _BETTER = 0.5  # times the miss, with what would fit
 _BETTER_OFFSET = 0.75  # times the miss, with frames as they may belong together
 _MOST_OFFSET = 3  # frames
+_SHARED = 0.5  # of the points that a camera shares with others, so that a shift can be compared
 
 
 _Seen = tuple[Camera, Floats[T, J, D2]]
@@ -300,15 +301,20 @@ def _match(seen: Sequence[_Seen], rows: Sequence[int] | None = None) -> _Match |
     if rows is not None:
         seen = [(camera, pixels[:, rows]) for camera, pixels in seen]
     cameras = [camera for camera, _ in seen]
-    straight = np.stack([camera.undistort_points(at).reshape(-1, 2) for camera, at in seen])
-    points = triangulated(cameras, straight)
-    missed = missed_px(cameras, straight, points)
-    both = np.isfinite(straight).all(axis=2).sum(axis=0) > 1
+    pixels = np.stack([at.reshape(-1, 2) for _, at in seen])
+    both = np.isfinite(pixels).all(axis=2).sum(axis=0) > 1
     if both.sum() < _FEWEST:
         return None
-    missed[:, both & ~np.isfinite(points).all(axis=1)] = np.inf  # parallel
-    missed = np.nan_to_num(missed[:, both], nan=-1.0, posinf=1e9)
+    straight = np.stack(
+        [camera.undistort_points(at[both]) for camera, at in zip(cameras, pixels, strict=True)]
+    )
+    met = triangulated(cameras, straight)
+    missed = missed_px(cameras, straight, met)
+    missed[:, ~np.isfinite(met).all(axis=1)] = np.inf  # parallel
+    missed = np.nan_to_num(missed, nan=-1.0, posinf=1e9)
     worst, px = (missed / extent[:, None]).max(axis=0), missed.max(axis=0)
+    points = np.full((len(both), 3), np.nan)
+    points[both] = met
     return float(np.median(worst)), float(np.median(px)), points
 
 
@@ -355,14 +361,23 @@ def _mistakes(seen: Sequence[_Seen]) -> Iterator[_Tried]:
 
 
 def _shifts(seen: Sequence[_Seen]) -> Iterator[_Tried]:
-    """Yield by how many frames a camera may be late, in words, and how joints fit together then."""
+    """Yield by how many frames a camera may be late, in words, and how joints fit together then.
+
+    A shift after which the camera shares hardly a frame with the others says nothing: those then fit together without it, as where
+    joints were marked in every tenth frame.
+    """
+    known = [np.isfinite(pixels).all(axis=2) for _, pixels in seen]
     for i, (camera, pixels) in enumerate(seen):
+        others = np.any([*known[:i], *known[i + 1 :]], axis=0)
+        shared = np.count_nonzero(known[i] & others)
         for shift in (*range(-_MOST_OFFSET, 0), *range(1, _MOST_OFFSET + 1)):
             moved = np.full_like(pixels, np.nan)
             if shift > 0:
                 moved[:-shift] = pixels[shift:]
             else:
                 moved[-shift:] = pixels[:shift]
+            if np.count_nonzero(np.isfinite(moved).all(axis=2) & others) < _SHARED * shared:
+                continue
             frames = (
                 f"{abs(shift)} frame{'s' * (abs(shift) > 1)} {'late' if shift > 0 else 'early'}"
             )

@@ -95,7 +95,7 @@ KINDS: dict[str, tuple[str, str]] = {
         "{camera} overlap {number:.2f}",
     ),
     "filled mask": (
-        "the mask covers more than half of the image in {camera}: is it inverted or all white?",
+        "the mask covers more than half of the image in {camera}; it may be inverted or all white",
         "{camera}'s mask fills the image",
     ),
     "part outside": (

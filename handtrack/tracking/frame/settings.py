@@ -455,18 +455,19 @@ class TrackerSettings:
         for given in sorted(
             (name for name in values if name != "method"), key=SETTINGS.__contains__
         ):  # other names first: the setting's own beside one wins
-            changed = changed._with_value(ALIASES.get(given, given), values[given])
+            changed = changed._with_value(given, values[given])
         if not any(getattr(changed.model, f"spread_{finger}") for finger in _FINGERS):
             raise HandtrackError(
                 "settings 'model.spread_index' … 'model.spread_little' are all 0: no finger would ever spread."
             )
         return changed
 
-    def _with_value(self, name: str, value: Any) -> TrackerSettings:
+    def _with_value(self, given: str, value: Any) -> TrackerSettings:
+        name = ALIASES.get(given, given)
         if name not in SETTINGS:
             raise unknown_name("setting", name, sorted(SETTINGS))
         group, _, own = name.partition(".")
-        changed = replace(getattr(self, group), **{own: _accepted(name, value)})
+        changed = replace(getattr(self, group), **{own: _accepted(name, value, given)})
         return replace(self, **{group: changed})
 
     def _with_method(self, name: str) -> TrackerSettings:
@@ -488,11 +489,13 @@ class TrackerSettings:
         ]
 
 
-def _accepted(name: str, value: Any) -> Any:
+def _accepted(name: str, value: Any, given: str = "") -> Any:
     try:
         return SETTINGS[name].accept(value)
     except ValueError as error:
-        raise HandtrackError(f"setting '{name}': expected {error}, found {value!r}.") from None
+        raise HandtrackError(
+            f"setting '{given or name}': expected {error}, found {value!r}."
+        ) from None
 
 
 GROUPS: dict[str, type] = {

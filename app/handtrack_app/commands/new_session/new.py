@@ -160,7 +160,7 @@ def make_session(options: Namespace) -> int | Answer:
         session = Session.open(folder)
         count = session.frame_count
         for text in session.warnings:
-            print_status(f"note: {text}")
+            print_status(f"note: {text.replace(str(folder), str(options.out))}")
         if said is None and observed and not joints_of(recorded) and not missing:
             result = side_of_hand(session, options)
             file = replace(file, hand=replace(hand, side=result))
