@@ -386,7 +386,7 @@ def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
         dot = chip(rgb(colours.get(group.lower(), colours["palm"])))
         rows += f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{dot}{group}</td>{''.join(row)}</tr>"
     return text(
-        "Standard deviation of each joint in this frame. Yellow is uncertain; <b>unseen</b> is not determined by these images."
+        "Standard deviation of each joint in this frame. Yellow is uncertain; <b>∞</b> is not determined by these images."
     ) + text(
         "<table style='width:100%;table-layout:fixed;border-spacing:2px;border-collapse:separate'>"
         f"<colgroup><col style='width:6.2em'></colgroup>{rows}</table>",
@@ -398,7 +398,7 @@ def _cell(name: str, std: float) -> str:
     shown = std / unit_of(name)
     text = f"{shown:.{int(shown < 10)}f}{'' if name.startswith('root_t') else '°'}"
     if not math.isfinite(std):
-        text = "unseen"
+        text = "∞"
     low, high = np.array([47, 75, 110]), np.array([240, 228, 66])
     ground = low + np.fmin(shown / 20.0, 1.0) * (high - low)
     title = html.escape(f"{name}: ± {text}")
