@@ -339,8 +339,9 @@ def estimate_whole(
             tighten *= 2.0
         else:
             why = "no descent"
+        del found, ahead  # nor what frames said after a step that was not taken
+        if why == "no descent":
             break
-        del found
         common, cameras = best.shared.cameras.common, best.shared.cameras
         gains = [*gains, max(gain, 0.0)][-_STALLED:]
         stalled = len(gains) == _STALLED and sum(gains) < most * len(frames)
