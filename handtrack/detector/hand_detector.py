@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,6 +18,7 @@ from handtrack.detector.weights import Weights, find_weights, read_weights
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import skew
+from handtrack.geometry.triangulation import triangulated
 from handtrack.parallel import thread_count
 
 Network = Callable[[Floats[H, W, D3]], Mapping[str, Array[*Axes]]]
@@ -310,13 +311,17 @@ class HandFollower:
             self._look(image)
         return dict(self._hands)
 
+    def look_in(self, image: Array[H, W, D3], region: Region) -> dict[int, DetectedHand]:
+        """Look for one more hand in a region of the image of the last step, and return all hands in it."""
+        if len(self._hands) < _MOST:
+            hand = self._detector.hand(image, region)
+            self._next_number += self._take(self._next_number, hand)
+        return dict(self._hands)
+
     def _look(self, image: Array[H, W, D3]) -> None:
         self._since_look = 0
         for region in self._detector.find(image, _MOST):
-            if len(self._hands) < _MOST and self._take(
-                self._next_number, self._detector.hand(image, region)
-            ):
-                self._next_number += 1
+            self.look_in(image, region)
 
     def _take(self, number: int, hand: DetectedHand | None) -> bool:
         """Keep a hand, unless it is one that is followed already."""
@@ -335,6 +340,7 @@ def _same(hand: DetectedHand, other: DetectedHand) -> bool:
 
 
 _AGREE = 0.1  # of the hand's square: pixels by which one hand may miss its epipolar lines, hidden fingers and time included
+_LEAST_SHOWN = 0.5  # of a hand's points, to look for it: the network guesses the rest
 _MOST_LOG_ODDS = 4.6  # of a side: no view is surer than 99 %
 
 
@@ -372,6 +378,20 @@ def our_hands(seen: Mapping[str, list[HandObservation]]) -> dict[str, HandObserv
             if total > highest:
                 best, highest = joined, total
     return best
+
+
+def region_by_others(camera: Camera, ours: Sequence[HandObservation]) -> Region | None:
+    """Return where a camera must show the hand that others see; None where fewer than two do, or where most of it is out of the image.
+
+    The network of palms overlooks many that the network of points finds: of a marked real hand it saw a third in one camera, this
+    one all.
+    """
+    if len(ours) < 2:
+        return None
+    pixels = np.array([one.hand.points for one in ours])
+    points = camera.project(triangulated([one.camera for one in ours], pixels))
+    shown = ((points > -0.5) & (points < np.array(camera.size) - 0.5)).all(axis=1)
+    return region_of_hand(points) if shown.mean() >= _LEAST_SHOWN else None
 
 
 def _nearest(hand: HandObservation, others: list[HandObservation]) -> HandObservation | None:

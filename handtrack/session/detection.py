@@ -21,6 +21,7 @@ from handtrack.detector.hand_detector import (
     HandObservation,
     log_odds,
     our_hands,
+    region_by_others,
 )
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
@@ -87,15 +88,33 @@ def joints_of_frame(
         Of the joints.
     """
     views = {view.name: view for view in session.views if view.images is not None}
-    hands = {name: HandFollower(detector).step(view.image(frame)) for name, view in views.items()}
+    side, followers = session.file.hand.side, {name: HandFollower(detector) for name in views}
+    hands = _hands_in(frame, views, followers, side)
     joints = []
-    for _, _, ours in _told_apart(views, session.file.hand.side, {frame: hands}):
+    for _, _, ours in _told_apart(views, side, {frame: hands}):
         for name, mine in ours.items():
             rows, camera = _with_confidence(mine.hand, views[name]), views[name].camera
             pixels = np.where(rows[:, 2:] > 0, camera.undistort_points(rows[:, :2]), np.nan)
             flat = camera.without_distortion()
             joints.append(ImageKeypoints(flat, keypoint_names(), pixels, sigma_px))
     return tuple(joints)
+
+
+def _hands_in(
+    frame: int, views: Mapping[str, View], followers: Mapping[str, HandFollower], side: str
+) -> _Hands:
+    """Return the hands in those images of a frame that there are; a camera that overlooks the session's is told where others see it."""
+    images = {
+        name: image for name, view in views.items() if (image := view.image(frame)) is not None
+    }
+    hands = {name: follower.step(images.get(name)) for name, follower in followers.items()}
+    hands = {name: hands[name] for name in images}
+    ((_, _, ours),) = _told_apart(views, side, {frame: hands})
+    for name, image in images.items():
+        region = region_by_others(views[name].camera, list(ours.values()))
+        if name not in ours and region is not None:
+            hands[name] = followers[name].look_in(image, region)
+    return hands
 
 
 def _told_apart(
@@ -148,12 +167,8 @@ class JointDetection:
 
     def step(self, frame: int) -> None:
         """Look for hands in all images of a frame."""
-        self._detections[frame] = {}
-        for name, view in self.views.items():
-            image = view.image(frame)
-            hands = self._followers[name].step(image)
-            if image is not None:
-                self._detections[frame][name] = hands
+        side = self.session.file.hand.side
+        self._detections[frame] = _hands_in(frame, self.views, self._followers, side)
 
     def write(self) -> dict[str, Counter[str]]:
         """Write a file for every image that was looked at, with the session's hand or none; return what was found, by camera and

@@ -13,6 +13,7 @@ from handtrack.detector.hand_detector import (
     log_odds,
     our_hands,
     palms,
+    region_by_others,
     region_of_hand,
     region_of_palm,
 )
@@ -167,3 +168,15 @@ def test_of_two_hands_the_one_of_our_side_is_ours_in_every_view():
     }
     ours = our_hands(hands)
     assert ours["a"] is hands["a"][0] and ours["b"] is hands["b"][1]
+
+
+def test_a_camera_that_overlooks_a_hand_is_told_where_others_see_it():
+    others = [seen("a", RIGHT_PLACE, noise=0.0), seen("b", RIGHT_PLACE, noise=0.0)]
+    expected, told = (
+        seen("c", RIGHT_PLACE, noise=0.0).hand.region, region_by_others(CAMERAS["c"], others)
+    )  # fmt: skip
+    assert told.centre == pytest.approx(expected.centre, abs=0.01)
+    assert (told.side, told.turn) == pytest.approx((expected.side, expected.turn), abs=1e-3)
+    assert region_by_others(CAMERAS["c"], others[:1]) is None
+    beside = pinhole("c", (640, 480), 600, np.eye(3), (-0.6, 0, 0.8))
+    assert region_by_others(beside, others) is None

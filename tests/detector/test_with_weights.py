@@ -14,6 +14,7 @@ from handtrack.detector.hand_detector import (
     epipolar_miss,
     log_odds,
 )
+from handtrack.session.detection import joints_of_frame
 
 FIRST = 18  # of desk_two_view: both cameras see the hand, and init.json is about it
 FRAMES = range(FIRST, FIRST + 3)
@@ -81,3 +82,17 @@ def test_litert_says_the_same(weights, detector, desk):
     )
     assert theirs.points == pytest.approx(ours.points, abs=0.02)
     assert theirs.presence == pytest.approx(ours.presence, abs=1e-4)
+
+
+def test_a_hand_whose_palm_is_overlooked_is_found_where_two_other_cameras_see_it(
+    detector, data_dir
+):
+    session = Session.open(data_dir / "sessions" / "marked_real_5cam")
+    frame = 8  # the hand is slow: this camera is half a frame late
+    joints = joints_of_frame(session, frame, detector, 5.0)
+    assert detector.find(session.view("cam6").image(frame), 2) == []
+    (found,) = (one for one in joints if one.camera.name == "cam6")
+    off = np.linalg.norm(
+        found.pixels - found.camera.project(session.truth.keypoints21[frame]), axis=1
+    )
+    assert np.nanmedian(off) < 8.0  # px
