@@ -35,9 +35,12 @@ WAVING = TRUTH[::2]
 """joints of a hand that waves and closes"""
 
 
-def masks(folder, camera, mask, frames=range(4)):
-    for frame in frames:
-        cv2.imwrite(str(folder / f"masks/{camera}/{frame:03d}.png"), mask)
+def masks(mask, frames=range(4)):
+    def write(folder):
+        for frame in frames:
+            cv2.imwrite(str(folder / f"masks/cam1/{frame:03d}.png"), mask)
+
+    return write
 
 
 def test_a_sound_session_is_all_ok(folder):
@@ -74,17 +77,17 @@ def edited(file, old, new):
 
 ODD = {
     "all masks empty": (
-        lambda f: masks(f, "cam1", EMPTY),
+        masks(EMPTY),
         "error",
         "camera 'cam1': all masks looked at (4) are empty.",
     ),
     "one mask empty": (
-        lambda f: masks(f, "cam1", EMPTY, range(2, 3)),
+        masks(EMPTY, range(2, 3)),
         "warning",
         "camera 'cam1': 1 of 4 masks are empty, frames 2",
     ),
     "inverted": (
-        lambda f: masks(f, "cam1", FULL, range(1, 3)),
+        masks(FULL, range(1, 3)),
         "warning",
         "in 2 of 4 masks more than half of the image is hand, frames 1-2. Are they inverted?",
     ),
@@ -94,7 +97,7 @@ ODD = {
         "camera 'cam1': in 4 of 4 masks most of the hand lies outside of roi = [0, 0, 1, 48], frames 0-3",
     ),
     "touching": (
-        lambda f: masks(f, "cam1", EDGE),
+        masks(EDGE),
         "note",
         "camera 'cam1': in 4 of 4 masks the hand reaches the image's border, frames 0-3",
     ),
@@ -286,15 +289,11 @@ def seen(name, change):
     return lambda it: it.pixels.update({name: change(it.pixels[name])})
 
 
-def exchanged(it):
-    it.pixels["cam0"], it.pixels["cam2"] = it.pixels["cam2"], it.pixels["cam0"]
-
-
 MISTAKES = {
     "C27 inverse": (changed(lambda c: {"rotation": c.rotation.T, "translation": -c.rotation.T @ c.translation}), "led from the camera to the world"),
-    "C28 exchanged": (exchanged, "if cameras 'cam0' and 'cam2' were exchanged"),
+    "C28 exchanged": (lambda it: it.pixels.update(cam0=it.pixels["cam2"], cam2=it.pixels["cam0"]), "if cameras 'cam0' and 'cam2' were exchanged"),
     "C29 mirrored": (seen("cam1", lambda at: at * (-1, 1) + (SIZE[0] - 1, 0)), "if the images of camera 'cam1' were mirrored"),
-    "late by one": (seen("cam1", lambda at: at[[0, *range(len(at) - 1)]]), "with camera 'cam1' 1 frame late"),
+    "late by one": (seen("cam1", lambda at: np.roll(at, 1, axis=0)), "with camera 'cam1' 1 frame late"),
     "another size": (changed(lambda c: {"matrix": c.matrix * [[1.5], [1.5], [1.0]]}, "cam2"), "if the matrix of camera 'cam2' were 0.667 times what it is"),
     "millimetres": (changed(lambda c: {"translation": 1000 * c.translation}), "With world_unit_m = 0.001 (millimetres) it were"),
     "other side": (lambda it: setattr(it, "side", "left"), "its joints are a right hand's"),
@@ -308,6 +307,7 @@ def test_a_mistake_is_named_and_no_other(tmp_path, mistake):
     make(it)
     (said,) = it.warnings(tmp_path)
     assert words in said
+    assert "frame late" in said or said in examine_start(Session.open(tmp_path))
 
 
 def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path):
@@ -354,7 +354,7 @@ def calibrate(folder, cameras):
 
 def test_a_camera_turned_by_a_degree_is_named(tmp_path):
     folder, cameras = simulated(tmp_path / "session", "open_fist_open")
-    assert tracked(folder, {})[0] == "", "they agree"
+    assert tracked(folder, {})[0] == ""
     cameras[2] = turned(cameras[2], 0.7, -0.7, 0.0)
     calibrate(folder, cameras)
     said, run = tracked(folder, {"tracker.recovery": True})

@@ -219,8 +219,11 @@ _Tried = tuple[str, _Match | None]
 """something that may be otherwise than it was said, in words, and how joints fit together then"""
 
 
-def check_joints(session: Session) -> Iterator[Finding]:
-    """Yield findings about joints that two or more cameras saw: do they meet, is it a hand's size, are frames late?"""
+def check_joints(session: Session, briefly: bool = False) -> Iterator[Finding]:
+    """Yield findings about joints that two or more cameras saw: do they meet, is it a hand's size, are frames late?
+
+    briefly: only what would make tracking vain.
+    """
     names, seen = _joints_by_view(session)
     if len(seen) < 2 or (found := _match(seen)) is None:
         return
@@ -231,12 +234,11 @@ def check_joints(session: Session) -> Iterator[Finding]:
             f"miss each other by {_words(found)}. {_what_would_fit(seen, found) or _NOTHING_FITS}"
         )
         return
-    late = _time_offset(seen, found)
-    if late:
-        yield warning(late)
-    else:
-        odd = list(map(warning, _fingers_elsewhere(names, seen)))
-        yield from odd or [ok(f"joints of {len(seen)} cameras meet in space to {_words(found)}.")]
+    if not briefly:
+        late = _time_offset(seen, found)
+        odd = [late] if late else list(_fingers_elsewhere(names, seen))
+        meet = ok(f"joints of {len(seen)} cameras meet in space to {_words(found)}.")
+        yield from map(warning, odd) if odd else [meet]
     yield from _check_size(session, names, points.reshape(-1, len(names), 3))
 
 

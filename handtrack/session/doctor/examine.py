@@ -67,10 +67,11 @@ def examine(session: Session) -> list[Finding]:
 
 
 def examine_start(session: Session) -> list[str]:
-    """Return what is odd about the cameras and the first pose, in sentences: quickly seen, and in vain all tracking else."""
+    """Return what is odd about the cameras, their joints and the first pose, in sentences: quickly seen, and in vain all tracking else."""
     first = 0 if session.init is None else session.init.frame
     begin = range(first, min(first + _START, len(session.known_frames)))
     checks = [check_cameras(session), check_outlines(session, begin), check_init(session)]
+    checks.append(check_joints(session, briefly=True))
     checks += [check_rate(view, session) for view in session.views]
     if session.file.clouds is not None and session.file.clouds.stereo:
         checks.append(check_synchrony(session))
