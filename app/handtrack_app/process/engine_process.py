@@ -375,9 +375,10 @@ class Outbox:
         """The engine reports this; return what the page is to be told."""
         with self._changed:
             if isinstance(snapshot, PoseSnapshot):
-                self._frame = snapshot.frame
-                if not self._kept:
-                    self._frame_done = snapshot.frame
+                if self._is_listening:  # an engine that begins shows its first frame
+                    self._frame = snapshot.frame
+                    if not self._kept:
+                        self._frame_done = snapshot.frame
             elif isinstance(snapshot, LiveSnapshot):
                 self.recording = snapshot.recording
             elif isinstance(snapshot, ProgressSnapshot) and snapshot.state != "opening":

@@ -249,15 +249,6 @@ def test_a11_pings_without_end_send_their_sender_away(small, monkeypatch):
         eventually(lambda: client.close_code is not None)
 
 
-def test_the_last_of_many_values_arrives(small):
-    """More than passes at once: the older ones of a widget give way, not the last."""
-    with WireClient(small.url) as client:
-        for k in range(1500):
-            client.set_value(small.slider, (k % 20) / 2)
-        client.set_value(small.slider, 7.0)
-        eventually(lambda: small.slider.value == 7.0)
-
-
 def test_what_the_page_said_outlives_what_the_program_writes(small):
     with WireClient(small.url) as client:
         client.set_value(small.slider, 3.0)

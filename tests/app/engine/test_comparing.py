@@ -13,7 +13,6 @@ def track(bench, first, number):
     takes = bench.layout.takes
     eventually(
         lambda: takes.chosen.options[:1] == (str(number),) and bench.state.progress.state == "idle",
-        f"take {number}",
     )
 
 

@@ -1,11 +1,12 @@
 """What the page keeps until it is on disk, and repeats to the next engine."""
 
 from threading import Thread
+from unittest.mock import Mock
 
 from handtrack_app.engine.open_session import COMMANDS
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.process.engine_process import EngineProcess, Outbox
-from handtrack_app.protocol.snapshots import Hold, WorkSnapshot
+from handtrack_app.protocol.snapshots import Hold, PoseSnapshot, WorkSnapshot
 
 
 class Pipe:
@@ -121,3 +122,12 @@ def test_the_frame_that_edits_went_on_from_is_shown_first():
     assert [(one.name, *one.arguments.values()) for one in pipe.sent] == [
         ("show_frame", 4), ("save_pose",), ("show_frame", 9),
     ]  # fmt: skip
+
+
+def test_an_engine_that_begins_again_shows_the_frame_that_was_shown():
+    pipe = Pipe()
+    pipe.outbox.see(Mock(PoseSnapshot, frame=8))
+    pipe.outbox.ended()
+    pipe.outbox.see(Mock(PoseSnapshot, frame=0))  # its first
+    pipe.outbox.listen(is_anew=True)
+    assert pipe.sent[0].arguments["frame"] == 8
