@@ -23,7 +23,7 @@ from handtrack.model.articulated import (
     keypoint_names,
 )
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.model_file import load_model, read_scale, scale_table
+from handtrack.model.model_file import load_model, read_scale
 from handtrack.model.size import (
     FOREARM_END,
     hand_length_mm,
@@ -454,13 +454,11 @@ class TrackingRun:
         model, std_mm = self.model, self.scale.std.get("length_mm")
         return TrackLabels.of(
             model,
-            scale=json.dumps(scale_table(self.scale)),
             session=self.session.name,
             settings=json.dumps(self.settings.flat(), sort_keys=True),
             start_confidence=None if self.first is None else self.first.confidence,
             hand_length_mm=None if std_mm is None else hand_length_mm(model),
             hand_length_std_mm=std_mm,
-            definition=model.definition_text,
             fps=self.session.fps,
             cameras=rig_json(self.session.rig),
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.model_file import load_model, scale_table, write_scale
+from handtrack.model.model_file import load_model, write_scale
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.observation.truth import Truth
 from handtrack.session import layout
@@ -249,9 +248,7 @@ def result_of(motion: Captured, name: str) -> TrackResult:
     model, clip = motion.model, motion.clip
     labels = TrackLabels.of(
         model,
-        scale=json.dumps(scale_table(model.scale)),
         session=name,
-        definition=model.definition_text,
         fps=clip.fps,
         cameras=rig_json(_rig(clip)),
     )

@@ -85,7 +85,6 @@ def test_what_does_not_fit_is_refused_in_words():
     mm = Keypoints(HAND.joint_names, 1e3 * at, 1.0)
     refused(r"\(1, 3\).*\(21, 3\)", Keypoints, ("wrist",), at, 0.003)
     refused("0.0", Keypoints, HAND.joint_names, at, 0.0)
-    refused("twice", Keypoints, ("nose",) * 21, at, 0.003)
     refused(r"\(1, 2\)", ImageKeypoints, CAMERAS["cam0"], ("wrist",), at[:1], 2.0)
     refused("camera", ImageKeypoints, "cam0", HAND.joint_names, at[:, :2], 2.0)
     refused("seconds", Observation, 0, np.nan)
@@ -108,6 +107,10 @@ def test_numbers_by_name():
     assert_allclose(result.joint("wrist"), result.joint_positions[:, 0])
     refused("no angle 'index_pip'", result.angle, "index_pip")
     refused("no joint 'thumb'", result.joint, "thumb")
+
+
+def test_a_result_says_of_what_size_its_model_is():
+    assert '"overall": 1.2' in track(load_model(scale=1.2), points(posed())).scale
 
 
 def test_tables_for_pandas_and_xarray():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -38,6 +39,7 @@ from handtrack.model.articulated import (
     definition_among,
     keypoint_names,
 )
+from handtrack.model.model_file import scale_table
 from handtrack.tracking.frame.motion_belief import MotionBelief
 from handtrack.tracking.frame.reason import Reason, Status
 from handtrack.tracking.frame.result_fields import (
@@ -313,7 +315,11 @@ class TrackLabels:
         """Return the labels of a model's results by this version; more: the other fields."""
         bones, joints = tuple(model.skeleton.bone_names), tuple(model.joint_names)
         names = model.parameter_names, bones, joints, model.name, model.side
-        return cls(*names, version=VERSION, **more)
+        own: dict[str, Any] = {
+            "scale": json.dumps(scale_table(model.scale)),
+            "definition": model.definition_text,
+        }
+        return cls(*names, version=VERSION, **own | more)
 
     def track(self, frames: Iterable[FrameResult]) -> TrackResult:
         """Return frames as one result, ascending; of several of one number the last counts. Raises HandtrackError for none."""
