@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -72,3 +73,26 @@ def _log(path):
     ]
     assert not damage, damage
     return records
+
+
+def numbers(told: Any) -> list[str]:
+    """Return the numbers and truth values in what is told, of arrays some moments."""
+    return re.findall(
+        rf"true|false|{_NUMBER.pattern}", json.dumps(told, default=_moments, ensure_ascii=False)
+    )
+
+
+def _moments(array):
+    if isinstance(array, bytes):  # a picture
+        return None
+    flat = array.astype(float).ravel()
+    return [flat.size, flat.sum(), flat @ np.cos(np.arange(flat.size))]
+
+
+def unlike_recorded(name: str, told: Any) -> list[str]:
+    """Return where what is told differs from a file of tests/golden/told, which HANDTRACK_RECORD=1 writes anew."""
+    path = Path(__file__).parent / "told" / f"{name}.json"
+    if "HANDTRACK_RECORD" in os.environ:
+        path.write_text(json.dumps(told), encoding="utf-8")
+    before = json.loads(path.read_text(encoding="utf-8"))
+    return list(differences(before, told, f"{name} (HANDTRACK_RECORD=1 writes it anew)"))
