@@ -6,13 +6,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from handtrack import Session, TrackingRun, bundled_session
+from handtrack import Session, TrackingRun, bundled_session, load_model
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from tests.experiments.workbench.chromium import chromium, there_is_one
 from tests.export.foreign import library
 from tests.export.sequences import sample_sequence
-from tests.sample_track import posed_frame
+from tests.sample_track import labels_of, posed_frame
 
 
 def test_a_film_has_a_picture_a_frame_by_another_programs_count(tmp_path):
@@ -51,6 +51,12 @@ def _moved_a_little(folder, count):
         values[0] += 0.01 * frame
         frames.append(posed_frame(model, frame, values, run.session.fps))
     return run.result(frames)
+
+
+def test_a_ball_of_one_bone_has_a_mesh(tmp_path):
+    ball = load_model("ball6")
+    track = labels_of(ball).track([posed_frame(ball, 0, ball.rest)])
+    assert export_format("glb").write(tmp_path / "ball.glb", ResultsTable(track))
 
 
 @pytest.mark.browser

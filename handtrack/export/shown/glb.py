@@ -99,7 +99,9 @@ def blended(model: ArticulatedModel, skin: PartMesh) -> tuple[Array[V, D4], Floa
     skeleton, shapes = model.skeleton, model.ellipsoids["fine"]
     posed = model.bones(model.rest_params())
     points, _ = skin.carried(posed)
-    share = np.zeros((len(points), skeleton.bone_count))
+    share = np.zeros(
+        (len(points), max(skeleton.bone_count, 4))
+    )  # four, of which some are of no bone
     for bone in range(skeleton.bone_count):
         near = np.full(len(points), np.inf)
         local = (points - posed.position[bone]) @ posed.rotation[bone]
@@ -112,7 +114,7 @@ def blended(model: ArticulatedModel, skin: PartMesh) -> tuple[Array[V, D4], Floa
     related = np.zeros((skeleton.bone_count, skeleton.bone_count), dtype=bool)
     below = np.flatnonzero(skeleton.parent >= 0)
     related[below, skeleton.parent[below]] = related[skeleton.parent[below], below] = True
-    share *= related[skin.bone]
+    share[:, : skeleton.bone_count] *= related[skin.bone]
     share[np.arange(len(points)), skin.bone] = 1.0
     bones = np.argsort(-share, axis=1, kind="stable")[:, :4]
     weights = np.take_along_axis(share, bones, axis=1)

@@ -66,8 +66,8 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
             "at; a hand's outlines touch the same planes through both cameras). "
             + (
                 meant
-                or "Was a camera moved, does its matrix belong to another image size, are cameras exchanged, or do frames of "
-                "equal number show different moments?"
+                or "Do masks show more or less than the hand, was a camera moved, does its matrix belong to another image size, are "
+                "cameras exchanged, or do frames of equal number show different moments?"
             )
         )
     elif meant:
