@@ -146,6 +146,7 @@ PALM_SIZE = 192
 """of the network's image [px]"""
 _GRIDS = ((24, 2), (12, 6))  # cells a side, anchors a cell
 _LEAST_SCORE = 0.5
+_WHOLE = 0.4  # of a square's side: the size of hands that are whole in one of several squares; the whole image shows larger ones
 _OVERLAP = 0.3  # intersection over union, beyond which two boxes are of one palm
 _MOST_LOGIT = 100.0
 
@@ -225,6 +226,13 @@ class DetectedHand:
         return region_of_hand(self.points)
 
 
+def _centres(length: int, side: float) -> Floats[N]:
+    """Return where the centres of squares lie along an image's side that cover it, so close that a hand is whole in one of them [px]."""
+    beyond = max(length - side, 0.0)
+    count = int(np.ceil(beyond / ((1.0 - _WHOLE) * side))) + 1
+    return (length - 1.0) / 2 + np.linspace(-beyond / 2, beyond / 2, count) * (count > 1)
+
+
 class HandDetector:
     """The two networks. To be used by one thread at a time."""
 
@@ -241,10 +249,23 @@ class HandDetector:
         """Return the detector with given, named or installed weights. Raises HandtrackError where there are none."""
         return cls(read_weights(find_weights(weights)), backend)
 
-    def find(self, image: Array[H, W, D3], most: int) -> list[Region]:
-        """Return where up to `most` hands may be, the surest first. image: uint8 BGR."""
+    def find(self, image: Array[H, W, D3], most: int, closely: bool = False) -> list[Region]:
+        """Return where up to `most` hands may be, the surest first. image: uint8 BGR.
+
+        closely: where the whole image shows none, in squares half as large, too, of which each may show as many, and a hand twice.
+        """
         height, width = image.shape[:2]
-        square = Region(np.array([width - 1.0, height - 1.0]) / 2, float(max(width, height)), 0.0)
+        side = float(max(width, height))
+        middle = np.array([width - 1.0, height - 1.0]) / 2
+        found = self._palms_in(image, Region(middle, side, 0.0), most)
+        if found or not closely:
+            return found
+        side *= 0.5
+        across, down = (_centres(length, side) for length in (width, height))
+        squares = [Region(np.array([x, y]), side, 0.0) for y in down for x in across]
+        return [region for square in squares for region in self._palms_in(image, square, most)]
+
+    def _palms_in(self, image: Array[H, W, D3], square: Region, most: int) -> list[Region]:
         try:
             out = self._palm(square.crop(image, PALM_SIZE))
             numbers, logits = out["Identity"].reshape(-1, 18), out["Identity_1"].reshape(-1)
@@ -283,7 +304,7 @@ class HandDetector:
 # ---- The hands of one view from frame to frame: each is looked for where it was, and anew where none is left
 
 
-_LOOK_EVERY = 10  # images between looks for hands that are not followed: a tenth more work
+_LOOK_EVERY = 10  # images between looks for hands that are not followed, a tenth more work; where none is, looks between close ones
 _MOST = 2  # hands of one person
 _SAME = 0.15  # of the region's side: hands whose points are nearer in the median are one
 
@@ -296,6 +317,7 @@ class HandFollower:
         self._hands: dict[int, DetectedHand] = {}
         self._next_number = 0
         self._since_look = 0
+        self._looks = 0
 
     def step(self, image: Array[H, W, D3] | None) -> dict[int, DetectedHand]:
         """Return the hands in the next image uint8 BGR, by their numbers; none in a missing one, after which they are
@@ -319,8 +341,9 @@ class HandFollower:
         return dict(self._hands)
 
     def _look(self, image: Array[H, W, D3]) -> None:
-        self._since_look = 0
-        for region in self._detector.find(image, _MOST):
+        closely = self._looks % _LOOK_EVERY == 0
+        self._since_look, self._looks = 0, self._looks + 1
+        for region in self._detector.find(image, _MOST, closely):
             self.look_in(image, region)
 
     def _take(self, number: int, hand: DetectedHand | None) -> bool:

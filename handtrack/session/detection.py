@@ -59,7 +59,7 @@ def observed_side(session: Session, detector: HandDetector) -> tuple[str, float,
             if image is None:
                 continue
             count += 1
-            hands = [detector.hand(image, region) for region in detector.find(image, 1)]
+            hands = [detector.hand(image, region) for region in detector.find(image, 1, True)[:1]]
             said += [log_odds(hand.right, "right") for hand in hands if hand is not None]
     mean = float(np.mean(said)) if said else 0.0
     confidence = 1 / (1 + np.exp(-abs(mean)))

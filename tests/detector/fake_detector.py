@@ -28,7 +28,7 @@ class FakeDetector:
     def seen(self, _image: Array[H, W, D3]) -> Sequence[DetectedHand]:
         return self.hands
 
-    def find(self, image: Array[H, W, D3], most: int) -> list[Region]:
+    def find(self, image: Array[H, W, D3], most: int, closely: bool = False) -> list[Region]:
         self.searches += 1
         return [region_of_hand(hand.points) for hand in self.seen(image)][:most]
 

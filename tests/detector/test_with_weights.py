@@ -61,6 +61,18 @@ def test_a_mirrored_hand_is_one_of_the_other_side(detector, desk):
     assert hand.right < 0.1
 
 
+def test_a_hand_of_a_twentieth_of_the_images_width_is_found(detector, desk):
+    image, (x, y, shrunk) = np.full((960, 1280, 3), 128, np.uint8), (800, 150, 270)
+    found = HandFollower(detector).step(desk.views[1].image(FIRST))[0].points * shrunk / 720
+    image[y : y + shrunk, x : x + shrunk] = cv2.resize(
+        desk.views[1].image(FIRST), (shrunk, shrunk), interpolation=cv2.INTER_AREA
+    )
+    assert detector.find(image, 2) == []
+    (hand,) = HandFollower(detector).step(image).values()
+    off = np.linalg.norm(hand.points - found - [x, y], axis=1)
+    assert np.ptp(found[:, 0]) < 0.05 * 1280 and np.median(off) < 3.0  # px
+
+
 def test_two_hands_in_one_image_are_found_and_told_apart(detector, desk):
     image = desk.views[0].image(FIRST)
     both = np.hstack([image, cv2.flip(image, 1)])

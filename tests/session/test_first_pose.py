@@ -112,7 +112,7 @@ class SeesTheTruth(FakeDetector):
             for view in session.views
         ]
 
-    def find(self, image, most):
+    def find(self, image, most, closely=False):
         self.hands = [hand for own, hand in self._images if np.array_equal(own, image)]
         return super().find(image, most)
 
