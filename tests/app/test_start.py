@@ -150,7 +150,7 @@ def test_a_calibration_is_uploaded(start, folder, tmp_path):
         for name, size in (("large.toml", LARGEST_FILE + 1), ("film.mp4", 3 * 1024**3)):
             client.send(begins(start.upload, size, filename=name))
             eventually(lambda name=name: f"{name} is too large" in start.output.content)
-    assert [path.name for path in kept.parent.iterdir()] != []
+    assert any(kept.parent.iterdir())
     start.stop()
     assert not kept.parent.exists()
 

@@ -92,7 +92,6 @@ ALPHA = np.dstack([HAND * 0] * 3 + [HAND])
         (HAND // 6, "the largest value in the mask is 42."),
         (ALPHA, "alpha channel that is not opaque"),
     ],
-    ids=["16 bits", "ones", "dim", "in the alpha channel"],
 )
 def test_what_only_looks_like_a_mask_is_refused(image, expected, tmp_path):
     with pytest.raises(HandtrackError, match=expected):

@@ -103,18 +103,23 @@ def fake():
     return FakeDetector()
 
 
-def test_a_hand_is_followed_without_searching_again(fake):
-    follower = HandFollower(fake)
-    for step in range(6):
+@pytest.fixture
+def follower(fake):
+    """It has found a hand."""
+    fake.hands = [hand_at(100, 100)]
+    found = HandFollower(fake)
+    found.step(IMAGE)
+    return found
+
+
+def test_a_hand_is_followed_without_searching_again(fake, follower):
+    for step in range(1, 6):
         fake.hands = [hand_at(100 + 5 * step, 100)]
         assert columns(follower.step(IMAGE)) == {0: 100 + 5 * step}
     assert fake.searches == 1
 
 
-def test_a_lost_hand_is_searched_in_the_same_image_and_gets_a_new_number(fake):
-    follower = HandFollower(fake)
-    fake.hands = [hand_at(100, 100)]
-    follower.step(IMAGE)
+def test_a_lost_hand_is_searched_in_the_same_image_and_gets_a_new_number(fake, follower):
     fake.hands = [hand_at(300, 100)]
     assert columns(follower.step(IMAGE)) == {1: 300}
     fake.hands = []
@@ -122,10 +127,7 @@ def test_a_lost_hand_is_searched_in_the_same_image_and_gets_a_new_number(fake):
     assert fake.searches == 3
 
 
-def test_a_second_hand_is_found_soon_and_both_keep_their_numbers(fake):
-    follower = HandFollower(fake)
-    fake.hands = [hand_at(100, 100)]
-    follower.step(IMAGE)
+def test_a_second_hand_is_found_soon_and_both_keep_their_numbers(fake, follower):
     fake.hands = [hand_at(300, 100), hand_at(100, 100)]
     seen = [columns(follower.step(IMAGE)) for _ in range(12)]
     assert seen[0] == {0: 100}

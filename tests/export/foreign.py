@@ -126,15 +126,15 @@ def bvh(kind, folder):
 
 def urdf(kind, folder):
     """yourdfpy's kinematics, from the joint states in the CSV beside."""
-    yourdfpy, pandas = library("yourdfpy"), library("pandas")
+    pandas = library("pandas")
     table, (path, states) = written(kind, "urdf", folder)
-    robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=True)
+    return _robot_error(_placed(path, table), table, pandas.read_csv(states).to_dict("records"))
+
+
+def _placed(path, table):
+    """Return what poses a file's robot by yourdfpy and tells where its links are."""
+    robot = library("yourdfpy").URDF.load(str(path), load_meshes=False, build_scene_graph=True)
     assert robot.validate()
-    return _robot_error(_placed(robot, table), table, pandas.read_csv(states).to_dict("records"))
-
-
-def _placed(robot, table):
-    """Return what poses a robot of yourdfpy and tells where its links are."""
 
     def placed(angles):
         robot.update_cfg(angles)
@@ -178,7 +178,7 @@ def _robot_error(placed, table, rows):
 
 def mcap(kind, folder):
     """mcap's reader with its decoder of ROS 2 messages, into yourdfpy."""
-    yourdfpy, _, decoder = library("yourdfpy"), library("mcap"), library("mcap_ros2.reader")
+    _, decoder = library("mcap"), library("mcap_ros2.reader")
     table, (path,) = written(kind, "mcap", folder)
     _, (robot_path, _) = written(kind, "urdf", folder)
     by_topic = defaultdict(list)
@@ -205,8 +205,7 @@ def mcap(kind, folder):
             row[f"root_q{axis}"] = getattr(place.pose.orientation, axis)
             assert getattr(move.transform.rotation, axis) == row[f"root_q{axis}"]
         rows.append(row)
-    robot = yourdfpy.URDF.load(str(robot_path), load_meshes=False, build_scene_graph=True)
-    return _robot_error(_placed(robot, table), table, rows)
+    return _robot_error(_placed(robot_path, table), table, rows)
 
 
 def c3d(kind, folder):

@@ -32,15 +32,12 @@ from tests.golden.files import (
 )
 from tests.golden.meaning import differences, meaning
 from tests.golden.results import RESULTS, SCENES, tracked
-
-PICTURES = (".png",)
-"""of a recording: they are what was seen, not what we write"""
+from tests.store.made import files_of
 
 
-def files_of(folder):
-    """Return every file of a folder but pictures, by its path there."""
-    paths = (path for path in folder.rglob("*") if path.is_file() and path.suffix not in PICTURES)
-    return {str(path.relative_to(folder)) for path in paths}
+def written_in(folder):
+    """Return a recording's files but pictures: those are what was seen, not what we write."""
+    return [name for name in files_of(folder) if not name.endswith(".png")]
 
 
 def assert_the_same(before, after, name):
@@ -109,7 +106,7 @@ def test_a_saved_ledger_opens():
 
 def test_the_same_files_are_written(now, recorded_now):
     assert sorted(now) == sorted(file.name for file in FOLDER.iterdir() if file.name != POSES)
-    assert files_of(recorded_now) == files_of(RECORDING)
+    assert written_in(recorded_now) == written_in(RECORDING)
 
 
 @pytest.mark.parametrize("name", sorted(f.name for f in FOLDER.iterdir() if f.name != POSES))
@@ -117,7 +114,7 @@ def test_exports_of_text_are_what_they_were(now, name):
     assert_the_same(meaning(FOLDER / name), meaning(now[name]), name)
 
 
-@pytest.mark.parametrize("name", sorted(files_of(RECORDING)))
+@pytest.mark.parametrize("name", written_in(RECORDING))
 def test_a_recordings_files_are_what_they_were(recorded_now, name):
     if name.endswith(".log"):  # a segment of a log is read as the folder that it lies in
         before, after = ((place / name).parent for place in (RECORDING, recorded_now))

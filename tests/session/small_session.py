@@ -1,7 +1,7 @@
 """A tiny session folder for tests to damage: two cameras, square masks, truth, first pose."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -81,13 +81,17 @@ def make_session(folder: Path) -> Path:
         (folder / "masks" / camera).mkdir(parents=True)
         for frame in range(FRAMES):
             cv2.imwrite(str(folder / "masks" / camera / f"{frame:03d}.png"), mask)
-    (folder / "cam0").mkdir()
-    for frame in range(FRAMES):
-        image = np.full((48, 64, 3), 40 * frame, np.uint8)
-        cv2.imwrite(str(folder / "cam0" / f"{frame:03d}.png"), image)
+    write_images(folder / "cam0", range(0, FRAMES * 40, 40))
     write_init(folder)
     write_truth(folder)
     return folder
+
+
+def write_images(folder: Path, levels: Iterable[int]) -> None:
+    """Write images 0, 1, 2 … of these grey levels."""
+    folder.mkdir(exist_ok=True)
+    for number, level in enumerate(levels):
+        cv2.imwrite(str(folder / f"{number:03d}.png"), np.full((48, 64, 3), level, np.uint8))
 
 
 def write_init(folder: Path, **changes: Any) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack import HandScale, Session, TrackerSettings, TrackingRun, bundled_session
+from handtrack import HandScale, Session, TrackerSettings, TrackingRun
 from handtrack.detector.hand_detector import DetectedHand
 from handtrack.session import detection
 from handtrack.session.first_pose import first_pose_search
@@ -35,11 +35,6 @@ def test_what_is_written_reads_back(tmp_path):
     write_first_pose(tmp_path / "i.json", pose)
     again = read_first_pose(tmp_path / "i.json")
     assert (again.frame, again.parameters, again.scale) == (2, pose.parameters, pose.scale)
-
-
-@pytest.fixture(scope="module")
-def session():
-    return Session.open(bundled_session("open_fist_open"))
 
 
 def points(session, frame):

@@ -17,7 +17,6 @@ from handtrack import (
     TrackerSettings,
     TrackerState,
     TrackingRun,
-    bundled_session,
     load_model,
 )
 from handtrack.model.articulated import keypoint_names
@@ -39,11 +38,6 @@ from handtrack.tracking.frame.tables.track_model import model_of
 from tests.app.command_line import QUICK
 from tests.experiments.scenes.simulated_clouds import Sensor, depth_views
 from tests.tracking.test_shared_cameras import camera_at, waving_poses
-
-
-@pytest.fixture(scope="module")
-def session():
-    return Session.open(bundled_session("open_fist_open"))
 
 
 @pytest.fixture(scope="module")

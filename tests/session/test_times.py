@@ -1,6 +1,5 @@
 """Cameras that are late, have a rate of their own or miss frames, and videos that are shorter than they say: a miss never shifts the others."""
 
-import cv2
 import numpy as np
 import pytest
 
@@ -8,10 +7,9 @@ from handtrack import Session
 from handtrack.session.sources.video_audits import keep_audits
 from tests.capture.sample_files import filmed as video_of
 from tests.conftest import refused
-from tests.session.small_session import edit, make_session, write_init
+from tests.session.small_session import edit, make_session, write_images, write_init
 
 COUNT = 12
-SHAPE = (48, 64)
 
 
 @pytest.fixture
@@ -22,11 +20,9 @@ def folder(tmp_path):
 
 def recorded(folder, name, levels):
     """Write images 0, 1, 2 … whose grey levels say what moment they show."""
-    (folder / name).mkdir(exist_ok=True)
-    for old in (folder / name).iterdir():
+    for old in (folder / name).glob("*"):
         old.unlink()
-    for number, level in enumerate(levels):
-        cv2.imwrite(str(folder / name / f"{number:03d}.png"), np.full((*SHAPE, 3), level, np.uint8))
+    write_images(folder / name, levels)
     return folder
 
 
@@ -88,18 +84,17 @@ def test_c4_c5_a_variable_rate_and_dropped_frames_are_joined_by_time_stamps(fold
 FRAMES = 40
 
 
+def with_video(folder):
+    """Make a session with a video."""
+    edit(make_session(folder) / "session.toml", 'images = "cam0/*.png"', 'images = "cam0.avi"')
+    pictures = (np.full((48, 64, 3), 5 * frame, np.uint8) for frame in range(FRAMES))
+    video_of(folder / "cam0.avi", pictures, fps=10.0)
+    return folder
+
+
 @pytest.fixture
 def filmed(tmp_path):
-    """A session with a video."""
-    make_session(tmp_path)
-    edit(tmp_path / "session.toml", 'images = "cam0/*.png"', 'images = "cam0.avi"')
-    write_video(tmp_path / "cam0.avi")
-    return tmp_path
-
-
-def write_video(path, frames=FRAMES):
-    pictures = (np.full((48, 64, 3), 5 * frame, np.uint8) for frame in range(frames))
-    video_of(path, pictures, fps=10.0)
+    return with_video(tmp_path)
 
 
 def cut(path):

@@ -64,22 +64,16 @@ def test_keypoints(rng, view, loss):
     check_observation_term(term, bones, HAND.skeleton.bone_names)
 
 
-@pytest.mark.parametrize("from_unexplained", [True, False])
-def test_outline_edges(rng, from_unexplained):
+def test_outline_edges_and_carried_texture(rng):
     bones, _, mesh, views = scene(rng)
-    seen = edges_seen(bones, mesh, views)
-    term = OutlineEdgesTerm(seen, 2.0, weight=0.7, from_unexplained=from_unexplained)
+    texture, edges = texture_seen(rng, bones, mesh, views), edges_seen(bones, mesh, views)
     moved = moved_along(bones, rng.normal(scale=0.002, size=6 * len(bones.position)))
-    check_observation_term(term, moved)
-
-
-@pytest.mark.parametrize("loss", [quadratic(), huber(1.5), geman_mcclure(3.0)])
-def test_carried_texture(rng, loss):
-    bones, _, mesh, views = scene(rng)
-    seen = texture_seen(rng, bones, mesh, views)
-    term = CarriedTextureTerm(seen, sigma=12.0, loss=loss, weight=0.3)
-    moved = moved_along(bones, rng.normal(scale=0.002, size=6 * len(bones.position)))
-    check_observation_term(term, moved, **KINKED)
+    for loss in (quadratic(), huber(1.5), geman_mcclure(3.0)):
+        term = CarriedTextureTerm(texture, sigma=12.0, loss=loss, weight=0.3)
+        check_observation_term(term, moved, **KINKED)
+    for from_unexplained in (True, False):
+        term = OutlineEdgesTerm(edges, 2.0, weight=0.7, from_unexplained=from_unexplained)
+        check_observation_term(term, moved)
 
 
 def test_collision(rng):

@@ -40,14 +40,11 @@ def test_the_sums_are_those_that_numpy_makes(rng):
     bones, _, mesh, views = scene(rng)
     texture, edges = texture_seen(rng, bones, mesh, views), edges_seen(bones, mesh, views)
     moved = moved_along(bones, rng.normal(scale=0.002, size=6 * BONES))
-    for loss in (quadratic(), huber(1.5), geman_mcclure(3.0)):
-        term = CarriedTextureTerm(texture, 12.0, loss, 0.3)
-        reference = texture_system(term, moved)
-        assert_same_system(term.linearize(moved), reference)
-        assert term.cost(moved) == pytest.approx(reference.cost)
-    for from_unexplained in (True, False):
-        term = OutlineEdgesTerm(edges, 2.0, 0.7, from_unexplained)
-        reference = edges_system(term, moved)
+    losses = quadratic(), huber(1.5), geman_mcclure(3.0)
+    terms = [(CarriedTextureTerm(texture, 12.0, loss, 0.3), texture_system) for loss in losses]
+    terms += [(OutlineEdgesTerm(edges, 2.0, 0.7, way), edges_system) for way in (True, False)]
+    for term, system in terms:
+        reference = system(term, moved)
         assert_same_system(term.linearize(moved), reference)
         assert term.cost(moved) == pytest.approx(reference.cost)
 

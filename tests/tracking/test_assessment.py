@@ -289,12 +289,12 @@ def test_points_are_counted_that_lie_within_six_millimetres(share, expected):
 # --- beside the frames before
 
 
-def is_suspicious(energy, views, previous):
-    return why_fingers_may_be_lost(1, energy, views, previous) != ""
+def is_suspicious(energy, previous):
+    return why_fingers_may_be_lost(1, energy, 1, previous) != ""
 
 
-def frames(*energies, status=TRACKED, views=0, fits=False):
-    fits = fits or status == TRACKED
+def frames(*energies, status=TRACKED, views=0):
+    fits = status == TRACKED
     return [SimpleNamespace(energy=e, status=status, fits=fits, views=views) for e in energies]
 
 
@@ -320,18 +320,18 @@ def test_what_is_usual(energy, views, previous, expected):
 
 def test_suspicion_begins_at_1_4_times_the_usual_and_doubt_at_twice(seen):
     usual = frames(*[100.0] * 9)
-    assert [is_suspicious(energy, 1, usual) for energy in (139.0, 141.0)] == [False, True]
+    assert [is_suspicious(energy, usual) for energy in (139.0, 141.0)] == [False, True]
     one = replace(seen, silhouettes=seen.silhouettes[2:])
     assert assessed(one, energy=199.0, previous=usual)[0] == TRACKED
     assert assessed(one, energy=201.0, previous=usual)[0] == DOUBTFUL
     calm = frames(100.0, 100.0)
-    assert [is_suspicious(1.0, 1, calm[:n]) for n in (0, 2)] == [True, True]
-    assert not is_suspicious(1.0, 1, [*calm, *calm[:1]])
+    assert [is_suspicious(1.0, calm[:n]) for n in (0, 2)] == [True, True]
+    assert not is_suspicious(1.0, [*calm, *calm[:1]])
     # of a row that fits badly some are searched, ever fewer
-    rows = [is_suspicious(150.0, 1, [*usual, *frames(*[150.0] * n)]) for n in range(9)]
+    rows = [is_suspicious(150.0, [*usual, *frames(*[150.0] * n)]) for n in range(9)]
     assert np.flatnonzero(rows).tolist() == [0, 1, 3, 7]
     calmed = [*usual, *frames(150.0, 150.0, 100.0)]
-    assert is_suspicious(150.0, 1, calmed)
+    assert is_suspicious(150.0, calmed)
 
 
 # --- what is left open

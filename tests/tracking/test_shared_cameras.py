@@ -215,19 +215,21 @@ def test_an_error_found_after_a_correction_adds_to_it():
 def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
     cameras = _changed(rng)
     cameras.values[:, LATE] = 0.0
-    bones = HAND.bones(HAND.rest_params())
     pose = HAND.rest_params()[None]
-    for k, (camera, corrected) in enumerate(zip(cameras.cameras, cameras.corrected(), strict=True)):
+
+    def both(k):
+        """Return where a camera sees the changed hand, and its corrected one the hand as it is (B, 2)."""
+        changed = HAND.bones(cameras.views(pose, np.zeros_like(pose))[k].poses[0])
+        hand = HAND.bones(pose[0])
+        return cameras.cameras[k].project(changed.position), cameras.corrected()[k].project(hand.position)  # fmt: skip
+
+    for k in range(2):
         # a zoom is true to its share of the hand's own depth: 5 % of 0.1 m at 0.5 m, a hundredth of the picture
-        seen = HAND.bones(cameras.views(pose, np.zeros_like(pose))[k].poses[0])
-        off = camera.project(seen.position) - corrected.project(bones.position)
-        size = np.ptp(corrected.project(bones.position), axis=0).max()
+        seen, expected = both(k)
+        off, size = seen - expected, np.ptp(expected, axis=0).max()
         assert np.abs(off - off.mean(axis=0)).max() < 0.01 * size
         cameras.values[k, 6] = 0.0
-        seen = HAND.bones(cameras.views(pose, np.zeros_like(pose))[k].poses[0])
-        assert_allclose(
-            camera.project(seen.position), cameras.corrected()[k].project(bones.position), atol=1e-9
-        )
+        assert_allclose(*both(k), atol=1e-9)
 
 
 FRAMES = 11

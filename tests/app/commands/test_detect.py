@@ -3,7 +3,6 @@
 import shutil
 import signal
 
-import cv2
 import numpy as np
 import pytest
 
@@ -12,7 +11,7 @@ from handtrack.capture.masks.seeded import Seeded
 from handtrack.detector.hand_detector import DetectedHand, HandDetector
 from tests.app.command_line import refused
 from tests.detector.fake_detector import FakeDetector
-from tests.session.small_session import FRAMES, edit, keypoints, make_session
+from tests.session.small_session import FRAMES, edit, keypoints, make_session, write_images
 
 MINE = np.zeros(3)
 STEP = 40  # between the grey values of small_session's frames
@@ -44,10 +43,7 @@ def folder(tmp_path):
     """The small session, with images of both cameras."""
     session = make_session(tmp_path)
     edit(session / "session.toml", 'name = "cam1"\n', 'name = "cam1"\nimages = "cam1/*.png"\n')
-    (session / "cam1").mkdir()
-    for frame in range(FRAMES):
-        image = np.full((48, 64, 3), STEP * frame + 1, np.uint8)
-        cv2.imwrite(str(session / "cam1" / f"{frame:03d}.png"), image)
+    write_images(session / "cam1", range(1, FRAMES * STEP, STEP))
     return session
 
 

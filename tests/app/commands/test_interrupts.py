@@ -69,8 +69,8 @@ def interrupted(monkeypatch, after, number=signal.SIGINT, presses=1):
         yield
 
 
-def frames_of(session, take=1):
-    return Store(session / "tracks").take(take).frames
+def frames_of(session):
+    return Store(session / "tracks").take(1).frames
 
 
 def _track_until_write(number, session):

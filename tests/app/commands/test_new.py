@@ -102,7 +102,7 @@ def test_links_are_read_by_who_made_them_alone(handtrack, tmp_path, monkeypatch)
 class OneHand(FakeDetector):
     """Sees a hand in every image but the first frame's, of one side."""
 
-    right = 0.98
+    right = 0.03
 
     def seen(self, image):
         return [replace(hand_at(320, 240), right=self.right)] if image.mean() > 4 else []
@@ -118,7 +118,6 @@ def test_the_side_is_seen_and_what_follows_is_done(handtrack, tmp_path, monkeypa
     monkeypatch.setattr(weights, "has_weights", lambda: False)
     monkeypatch.setattr(weights, "fetch_weights", lambda: done.append("fetched"))
     images = ["--images", f"cam0={pictures(tmp_path / 'left', 3)}", "--fps", 30]
-    monkeypatch.setattr(OneHand, "right", 0.03)
     out = tmp_path / "a"
     ended = handtrack.does(*new(out, *images, "--track", "--yes"))
     assert "97 % sure" in ended.err

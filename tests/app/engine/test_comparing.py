@@ -26,7 +26,7 @@ def test_a_take_comes_back(bench, wire):
     wire.set_value(panel.chosen, "1")
     wire.set_value(panel.back, True)
     eventually(lambda: bends(bench.worker) == first)
-    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    wire.trigger("Undo")
     eventually(lambda: bends(bench.worker) == second)
 
 

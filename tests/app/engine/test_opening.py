@@ -19,9 +19,9 @@ from tests.app.cloudy_session import cloudy_session
 from tests.app.desk import EngineInThreads, Listener, in_threads, shown, working
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
-from tests.session.small_session import edit, keypoints, make_session
+from tests.session.small_session import keypoints, make_session
 from tests.session.test_times import FRAMES as ANNOUNCED
-from tests.session.test_times import cut, write_video
+from tests.session.test_times import cut, with_video
 
 
 def two_steps(monkeypatch, document):
@@ -86,10 +86,7 @@ def test_the_preview_lays_the_hand_on_the_first_pose_without_a_fit(tmp_path, mon
 
 
 def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
-    make_session(tmp_path)
-    edit(tmp_path / "session.toml", 'images = "cam0/*.png"', 'images = "cam0.avi"')
-    write_video(tmp_path / "cam0.avi")
-    cut(tmp_path / "cam0.avi")
+    cut(with_video(tmp_path) / "cam0.avi")
     may_count, audited = threading.Event(), video_audits.VideoFile.audited
 
     def waiting(video):

@@ -31,7 +31,7 @@ def test_experts_choose_method_distance_and_sharpness_on_the_page(bench, wire):
     assert METHODS["paper2007"].values.items() <= run().flat().items()
     assert run().traits == METHODS["paper2007"].traits
     assert run().cloud.distance == "d1"  # no method says it
-    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    wire.trigger("Undo")
     eventually(lambda: run() == before)
 
 

@@ -49,6 +49,11 @@ def test_a_pose_is_moved_into_its_limits(worker, listener):
     assert pose.origin == "set"
 
 
+def track_all(worker, listener, first=3, **how):
+    worker.engine.track(0, FRAMES, first, **how)
+    listener.told("Tracking finished")
+
+
 @pytest.fixture
 def halted(tmp_path):
     """A worker that tracks and stands at frame 5 until the event is set."""
@@ -125,8 +130,7 @@ def test_a_camera_that_the_others_contradict_is_named_when_a_track_is_opened_aga
     tmp_path, monkeypatch
 ):
     for worker, listener in a_desk(tmp_path):
-        worker.engine.track(0, FRAMES, 0)
-        listener.told("Tracking finished")
+        track_all(worker, listener, 0)
     compared = list[int]()
 
     def contradicted(run, results):
@@ -166,8 +170,7 @@ def test_the_size_is_fitted_before_the_first_tracking_in_sight_and_cancelled_at_
         time.sleep(0.2)
         sized = lambda: sum(n.title == "Size fitted" for n in listener.notices)  # noqa: B023, E731
         assert not sized()
-        worker.engine.track(0, FRAMES, 3)
-        listener.told("Tracking finished")
+        track_all(worker, listener)
         assert listener.wait(snapshots.SessionSnapshot, lambda s: "size 1.10" in s.model)
         worker.engine.track(0, FRAMES, 3)
         worker.engine.cancel()
@@ -178,8 +181,7 @@ def test_the_size_is_fitted_after_tracking_and_all_is_tracked_again(tmp_path):
     for worker, listener in a_desk(tmp_path, size_pending=True, step_s=0.0):
         worker.engine.set_setting("model.fit_size", "later")
         worker.engine.set_pose(8, pose_with(listener, index_mcp_flex=0.3), 1)
-        worker.engine.track(0, FRAMES, 3, anew=True)
-        listener.told("Tracking finished")
+        track_all(worker, listener, anew=True)
         titles = [notice.title for notice in listener.notices]
         assert titles == ["Size fitted", "Tracking finished"]
         document = worker.document
@@ -201,8 +203,7 @@ def test_c66_without_any_keyframe_all_goes_on_and_forgetting_is_undone_after_a_r
         worker.engine.forget_pose(5, 2)
         listener.pose(2)
         assert not worker.document.by_hand
-        worker.engine.track(0, FRAMES, 3)
-        listener.told("Tracking finished")
+        track_all(worker, listener)
         assert len(worker.document.results) == FRAMES
     for worker, listener in a_desk(tmp_path):
         assert not worker.document.by_hand

@@ -37,7 +37,7 @@ def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench, wire):
     eventually(lambda: not document.accepted and len(review.intervals) == 1)
     wire.set_value(review.accept, "All confident")
     eventually(lambda: document.accepted == {*range(FRAMES)} - {7})
-    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    wire.trigger("Undo")
     eventually(lambda: not document.accepted)
 
 

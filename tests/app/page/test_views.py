@@ -55,9 +55,9 @@ def in_window(zoom, window, point):
     return np.array([focal * x / z + window[0] / 2, focal * y / z + window[1] / 2])
 
 
-def on_picture(pixel, depth):
+def on_picture(pixel):
     """Return where a pixel of the picture stands in the world, as the plane with the picture is placed."""
-    width, height, middle = plane_of(CARD, depth)
+    width, height, middle = plane_of(CARD, 0.75)
     share = (pixel + 0.5) / CARD.size - 0.5
     return middle + TURN @ np.array([share[0] * width, share[1] * height, 0.0])
 
@@ -71,10 +71,8 @@ def test_model_and_picture_meet_at_the_pixel_that_opencv_has(window, times, rng)
     zoom = Zoom((rng.uniform(0, 639), rng.uniform(0, 479)), times)
     for point, pixel in zip(hand, by_opencv(hand), strict=True):
         drawn = in_window(zoom, window, point)
-        picture = in_window(zoom, window, on_picture(pixel, 0.75))
-        a_pixel = np.linalg.norm(
-            in_window(zoom, window, on_picture(pixel + (1, 0), 0.75)) - picture
-        )
+        picture = in_window(zoom, window, on_picture(pixel))
+        a_pixel = np.linalg.norm(in_window(zoom, window, on_picture(pixel + (1, 0))) - picture)
         assert np.linalg.norm(drawn - picture) < 0.01 * a_pixel  # 0.5 is promised
 
 
@@ -114,7 +112,7 @@ def test_a_hand_is_shown_whole_and_large(window):
     zoom = around(CARD, box, window[0] / window[1])
     x, y, wide, high = box
     drawn = np.array([
-        in_window(zoom, window, on_picture(np.array([x + a * wide, y + b * high]), 0.75)) / window
+        in_window(zoom, window, on_picture(np.array([x + a * wide, y + b * high]))) / window
         for a in (0, 1) for b in (0, 1)
     ])  # fmt: skip
     assert (drawn > 0.1).all() and (drawn < 0.9).all()

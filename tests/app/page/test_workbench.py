@@ -257,9 +257,9 @@ def test_a_number_of_the_shape_is_set_shown_and_undone(bench, wire):
     wire.set_value(panel.slider, -3.0)
     eventually(lambda: "−3.0 mm" in panel.list.content)
     assert "+6.0 %" in panel.list.content
-    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    wire.trigger("Undo")
     eventually(lambda: "−3.0 mm" not in panel.list.content and panel.slider.value == 0.0)
-    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    wire.trigger("Undo")
     eventually(lambda: panel.list.content == before)
 
 

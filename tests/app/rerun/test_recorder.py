@@ -36,6 +36,15 @@ def results(run):
     return list(run.track(FRAMES, *run.initial()))
 
 
+def recorded(run, folder, *results):
+    """Return a recorder that has written results to a file, and is closed."""
+    recorder = ResidualRecorder(run, path=folder / "run.rrd")
+    for result in results:
+        recorder.show(result)
+    recorder.close()
+    return recorder
+
+
 def test_frames_and_the_iterations_of_one(run, results, tmp_path):
     path = tmp_path / "run.rrd"
     recorder = ResidualRecorder(run, path=path, closely=2)
@@ -108,9 +117,7 @@ def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run):
 def test_the_residual_is_red_where_the_hand_is_missed(run, results, tmp_path):
     away = results[0].parameters.copy()
     away[0] += 0.3
-    recorder = ResidualRecorder(run, path=tmp_path / "run.rrd")
-    recorder.show(replace(results[0], parameters=away))
-    recorder.close()
+    assert not recorded(run, tmp_path, replace(results[0], parameters=away)).problem
     seen = run.session.observation(0).silhouettes[0].mask > 0.99
     residual = picture(tmp_path / "run.rrd", "/cameras/cam0/residual")[seen]
     assert np.median(residual, axis=0) == pytest.approx([255, 0, 0], abs=30)
@@ -159,11 +166,8 @@ def test_a_failure_while_painting_is_told(run, results, tmp_path, monkeypatch):
         raise ValueError("no paint")
 
     monkeypatch.setattr(residual_recorder._Painter, "pictures", fail)
-    recorder = ResidualRecorder(run, path=tmp_path / "run.rrd")
-    for result in results:
-        recorder.show(result)
-    recorder.close()
-    assert recorder.problem == "recording residuals stopped: no paint"
+    told = recorded(run, tmp_path, *results).problem
+    assert told == "recording residuals stopped: no paint"
 
 
 def drawn(path, entity):
@@ -186,10 +190,7 @@ def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path):
     result = next(iter(run.track(range(1), *run.initial())))
     moved = result.parameters.copy()
     moved[model.parameter_names.index("index_mcp_flex")] -= 0.5  # away from its points
-    recorder = ResidualRecorder(run, path=tmp_path / "run.rrd")
-    recorder.show(replace(result, parameters=moved))
-    recorder.close()
-    assert recorder.problem == ""
+    assert not recorded(run, tmp_path, replace(result, parameters=moved)).problem
     bones = model.bones(model.transform.solver_params(moved))
     points, packed = drawn(tmp_path / "run.rrd", "/world/residual_cloud")
     found = signed(np.stack([packed >> 24, packed >> 16 & 255, packed >> 8 & 255], axis=1))
