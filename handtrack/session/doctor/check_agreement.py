@@ -251,7 +251,7 @@ def _joints_by_view(session: Session) -> tuple[tuple[str, ...], list[_Seen]]:
     names = tuple(dict.fromkeys(name for one in files.values() for name in one.layout.points))
     rows: list[dict[str, dict[str, Floats[D2]]]] = []
     found = 0
-    for frame in range(session.frame_count):
+    for frame in session.known_frames:
         row = {}
         for view, one in files.items():
             own = view.own_frame(frame)
