@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +60,8 @@ def observed_side(session: Session, detector: HandDetector) -> tuple[str, float,
             if image is None:
                 continue
             count += 1
-            hands = [detector.hand(image, region) for region in detector.find(image, 1, True)[:1]]
-            said += [log_odds(hand.right, "right") for hand in hands if hand is not None]
+            hands = (detector.hand(image, region) for region in detector.find(image, 1, True))
+            said += [log_odds(hand.right, "right") for hand in islice(filter(None, hands), 1)]
     mean = float(np.mean(said)) if said else 0.0
     confidence = 1 / (1 + np.exp(-abs(mean)))
     return "right" if mean >= 0 else "left", float(confidence), len(said), count

@@ -553,7 +553,7 @@ def tracked_for_size(run: TrackingRun, frames: range | None, control: Control) -
         count, sure = len(results), sure + (result.status == Status.TRACKED)
         least = len(wanted) if frames else min(_STRETCH, len(wanted))
         share = TRACKED_SHARE * min(count / least, 1.0)
-        observer.progress(share, f"{count} frames tracked, {sure} are sure", "size")
+        observer.progress(share, f"frames tracked: {count}, of these sure: {sure}", "size")
         if frames is None and count >= least and sure >= MOST_FRAMES:
             break
     return results
