@@ -2,7 +2,9 @@
 
 import re
 
-from docs.release import readme
+import pytest
+
+from docs.release import readme, source_of
 from handtrack.version import VERSION
 from tests.conftest import REPOSITORY
 
@@ -20,3 +22,11 @@ def test_the_readme_of_a_release_has_no_relative_link():
     assert len(links) > 10
     assert [link for link in links if not re.match(r"https://|#", link)] == []
     assert f"({SOURCE.replace('/blob/', '/raw/')}/docs/figures/workbench_tracked.png)" in text
+
+
+@pytest.mark.parametrize("remote", [
+    "https://host.example/owner/handtrack.git", "https://name@host.example/owner/handtrack", "git@host.example:owner/handtrack.git",
+])  # fmt: skip
+def test_the_address_is_that_of_the_clone_s_origin(remote):
+    assert source_of(remote, "1") == SOURCE
+    assert source_of("/folder/handtrack", "1") == ""
