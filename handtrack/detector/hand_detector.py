@@ -252,7 +252,8 @@ class HandDetector:
     def find(self, image: Array[H, W, D3], most: int, closely: bool = False) -> list[Region]:
         """Return where up to `most` hands may be, the surest first. image: uint8 BGR.
 
-        closely: where the whole image shows none, in squares half as large, too, of which each may show as many, and a hand twice.
+        closely: where the whole image shows none, squares half as large are searched, too; regions then come square by square, and one hand
+        may be in several.
         """
         height, width = image.shape[:2]
         side = float(max(width, height))
@@ -304,7 +305,8 @@ class HandDetector:
 # ---- The hands of one view from frame to frame: each is looked for where it was, and anew where none is left
 
 
-_LOOK_EVERY = 10  # images between looks for hands that are not followed, a tenth more work; where none is, looks between close ones
+_LOOK_EVERY = 10  # images between looks for hands that are not followed: a tenth more work
+_CLOSELY_EVERY = 10  # looks between those that are close, which take eight times as long
 _MOST = 2  # hands of one person
 _SAME = 0.15  # of the region's side: hands whose points are nearer in the median are one
 
@@ -341,7 +343,7 @@ class HandFollower:
         return dict(self._hands)
 
     def _look(self, image: Array[H, W, D3]) -> None:
-        closely = self._looks % _LOOK_EVERY == 0
+        closely = self._looks % _CLOSELY_EVERY == 0
         self._since_look, self._looks = 0, self._looks + 1
         for region in self._detector.find(image, _MOST, closely):
             self.look_in(image, region)

@@ -108,8 +108,7 @@ def _hands_in(
     images = {
         name: image for name, view in views.items() if (image := view.image(frame)) is not None
     }
-    hands = {name: follower.step(images.get(name)) for name, follower in followers.items()}
-    hands = {name: hands[name] for name in images}
+    hands = {name: followers[name].step(image) for name, image in images.items()}
     ((_, _, ours),) = _told_apart(views, side, {frame: hands})
     for name, image in images.items():
         region = region_by_others(views[name].camera, list(ours.values()))

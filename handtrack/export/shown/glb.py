@@ -99,9 +99,8 @@ def blended(model: ArticulatedModel, skin: PartMesh) -> tuple[Array[V, D4], Floa
     skeleton, shapes = model.skeleton, model.ellipsoids["fine"]
     posed = model.bones(model.rest_params())
     points, _ = skin.carried(posed)
-    share = np.zeros(
-        (len(points), max(skeleton.bone_count, 4))
-    )  # four, of which some are of no bone
+    # at least four columns, of which some may be of no bone
+    share = np.zeros((len(points), max(skeleton.bone_count, 4)))
     for bone in range(skeleton.bone_count):
         near = np.full(len(points), np.inf)
         local = (points - posed.position[bone]) @ posed.rotation[bone]

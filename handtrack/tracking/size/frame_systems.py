@@ -151,9 +151,8 @@ class FrameSystems:
     def corner(self) -> Floats[K, K]:
         """By what is shared, all frames together."""
         total = self._corner(slice(0))
-        for (
-            at
-        ) in self._parts():  # in the order of frames: the same sum however many there are at once
+        for at in self._parts():
+            # in the order of frames: the same sum however many there are at once
             total = np.concatenate([total, self._corner(at)]).sum(axis=0, keepdims=True)
         return total[0, _places(self.shared)]
 
