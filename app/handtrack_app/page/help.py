@@ -27,6 +27,7 @@ _GESTURES = (
         "On the {kind}: in a camera view turns it, as the right button does; in the orbit view pulls a joint or segment",
     ),
     ("Arrows, arcs", "On the handle: move and turn the {kind}"),
+    ("Shift Tab", "Goes to the buttons, the last first; from there Tab goes on, Esc leaves them"),
 )
 TOUR = (
     (

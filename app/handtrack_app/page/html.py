@@ -102,6 +102,10 @@ _LEGENDS = {
     ),
 }
 """by overlay; as `handtrack.diagnostics.residuals` draws them, which the page's process does not import"""
+_LOST = (
+    "<b>No connection to handtrack.</b> The page shows its last state, and takes no edits. It connects again by itself if handtrack still runs. "
+    "If handtrack has ended, start it again and use the page that it opens: what was saved is kept."
+)
 _STYLE_SHEET = """
 p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spacing: 0 !important; }
 .mantine-Paper-root[data-with-border="true"]:has(> .mantine-Paper-root) {
@@ -226,6 +230,11 @@ a[data-frame] { color: inherit; }
   font: 13px var(--mantine-font-family); color: #fff; background: rgba(20, 20, 20, .8); border-radius: 4px; pointer-events: none; }
 body[data-overlay="residual"] #handtrack-legend, body[data-overlay="mask"] #handtrack-legend { display: block; }
 body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([data-overlay="mask"]) #handtrack-legend > .mask { display: none; }
+/* viser only dims and freezes its widgets while no server answers, and goes on showing what was true before */
+#handtrack-lost { display: none; position: fixed; top: .6em; left: 50%; transform: translateX(-50%); z-index: 400; width: min(38em, 90vw); padding: .6em 1em;
+  font: 14px/1.4 var(--mantine-font-family); color: #000; background: #f2b56b; border-radius: 4px; box-shadow: 0 0 8px rgba(0, 0, 0, .6); }
+body:has(div[style*="pointer-events: none"][style*="opacity 150ms"]) #handtrack-lost { display: block; animation: handtrack-lost 1s 2s steps(1) backwards; }
+@keyframes handtrack-lost { from { visibility: hidden; } }
 #handtrack-heading { position: absolute; width: 1px; height: 1px; margin: 0; overflow: hidden; clip-path: inset(50%); }
 #handtrack-brush { display: none; position: fixed; z-index: 3; border: 1px solid #fff; outline: 1px solid #000; border-radius: 50%; pointer-events: none; }
 #handtrack-held { position: fixed; z-index: 3; padding: .1em .5em; font: 13px var(--mantine-font-family); color: #fff; background: rgba(20, 20, 20, .8);
@@ -279,6 +288,11 @@ if (document.getElementById("handtrack-style") === null) {
   heading.id = "handtrack-heading";
   heading.textContent = "handtrack";
   main.append(heading, legend);
+  const lost = document.createElement("div");
+  lost.id = "handtrack-lost";
+  lost.setAttribute("role", "alert");
+  lost.innerHTML = %d;
+  main.append(lost);
   // a brush is a circle about the pointer, in its size over the image
   const brush = document.createElement("div");
   brush.id = "handtrack-brush";
@@ -434,4 +448,5 @@ def dress(server: viser.ViserServer) -> None:
         for overlay, entries in _LEGENDS.items()
     )
     source = _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET)).replace("%l", json.dumps(legend))
+    source = source.replace("%d", json.dumps(_LOST))
     internals.run_javascript(server, source)

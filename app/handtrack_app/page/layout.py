@@ -8,6 +8,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import viser
 
@@ -61,6 +62,11 @@ _ASIDE = bordered("<b>Before the last step.</b> Tab shows the pose as it is.", A
 
 _PAUSE, _RESUME, _CANCEL = "Pause", "Resume", "Cancel"
 """of a job that runs; seen whatever tab is open, too"""
+_TABS = (
+    ("Pose", "Limits"), ("Pose", "Certainty"), ("Review", "Plots"), ("Track",), ("View",), ("More", "Export"),
+    ("More", "Settings"), ("More", "Masks"), ("More", "Cloud"), ("More", "Messages"),
+)  # fmt: skip
+"""tabs, with those that they are in, for who looks for one by its name"""
 _WAITS = escaped("This waits while tracked frames pass by: pause, or turn off Follow.")
 
 
@@ -148,6 +154,8 @@ class PageLayout:
         )
         self.help = Help(page, self.session.leave, marks)
         self.messages.list_in(others.add_tab("Messages"))
+        for names in _TABS:
+            page.key(f"Open {names[-1]}", "", partial(page.open_tab, names=names), by_page=True)
 
         below = gui.add_panel()
         timeline = below.add_tab("Timeline")
@@ -279,7 +287,8 @@ class Messages(Part):
     def take(self, notice: Notice) -> None:
         """Keep what is said; the same again takes the place of the older one, and an answer to what was tried stands until the next."""
         with self._lock:
-            self._all.appendleft(notice)
+            if not self._all or self._all[0] != notice:
+                self._all.appendleft(notice)
             self._standing = [
                 one for one in self._standing if one.title != notice.title and one.level != INFO
             ]

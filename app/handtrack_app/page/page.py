@@ -367,7 +367,7 @@ class Page:
             opened.close()
         return opened is not None
 
-    def open_tab(self, client: Client, *names: str) -> None:
+    def open_tab(self, client: Client, names: Sequence[str]) -> None:
         """Open a tab of one page, and a tab within it."""
         internals.run_javascript(client.handle, _OPEN_TAB.replace("%s", json.dumps(names)))
 

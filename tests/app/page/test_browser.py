@@ -143,6 +143,8 @@ def test_a_user_s_way_through_the_page(tmp_path, monkeypatch):
         _shows_what_matters_whole_until_it_is_put_away(bench, view)
         view.page.set_viewport_size({"width": 853, "height": 533})  # at 150 %
         _panel_hides_nothing_of_a_narrow_and_low_scene(view)
+        bench.web.close()
+        view.page.get_by_role("alert").filter(has_text="No connection").wait_for()
 
 
 def _keys_behind_a_dialog_do_nothing_and_escape_closes_it(bench, view):
@@ -331,16 +333,12 @@ def _shows_what_matters_whole_until_it_is_put_away(bench, view):
     eventually(lambda: not tab.is_visible())
     notify("error", "A title that is longer than some", LONG.replace("Word", "Cause"))
     eventually(tab.is_visible, "an error is read in the panel")
-    notify("info", "Nothing to undo", "The history ends here.")
+    for _ in range(2):
+        notify("info", "Nothing to undo", "The history ends here.")
     notify("done", "Saved", LONG)
     assert eventually(lambda: page.evaluate(CUT)) == [False]
     titles = page.locator(".mantine-Notification-title").all_inner_texts()
     assert titles == ["Saved"], "notices tell what is done, and nothing else"
-    notices = page.locator(".mantine-Notification-closeButton")
-    while notices.count():
-        notices.first.click()
-        page.wait_for_timeout(500)
-
     note = page.locator(".handtrack-note:visible")
 
     def read(text):
@@ -359,7 +357,7 @@ def _shows_what_matters_whole_until_it_is_put_away(bench, view):
     page.locator("a[data-frame='9']:visible").first.click()
     eventually(lambda: bench.state.frame == 9)
     view.show_tab("Messages")
-    eventually(lambda: read("Press the button") and read("Cause11"))
+    eventually(lambda: read("Press the button") and read("Cause11") and read("Nothing to undo"))
 
 
 def share(view, window=(1280, 800)):

@@ -324,7 +324,7 @@ class NextStep(Part):
             return words, phrase("Detect {kind}"), lambda _: self.guesses.search(anywhere=True)
         if not strip.is_posed:
             words = phrase("No pose yet. Drag the {kind} onto its picture.")
-            return words, "Open a camera view", lambda client: self.page.open_tab(client, "View")
+            return words, "Open a camera view", lambda client: self.page.open_tab(client, ("View",))
         tracked = np.flatnonzero(strip.status >= 0)
         if len(tracked) < 2:
             words = phrase("The {kind} has a pose. Tracking carries it through all frames.")
@@ -338,10 +338,10 @@ class NextStep(Part):
             return "", f"Review {count} interval{'' if count == 1 else 's'}", self._review
         if count:
             return None
-        return "", "Export …", lambda client: self.page.open_tab(client, "More", "Export")
+        return "", "Export …", lambda client: self.page.open_tab(client, ("More", "Export"))
 
     def _review(self, client: Client) -> None:
-        self.page.open_tab(client, "Review", "Queue")
+        self.page.open_tab(client, ("Review", "Queue"))
         self.review.visit(0)
 
 
