@@ -12,6 +12,7 @@ from handtrack.arrays import D3, D21, Array, Axes, F, Floats, J, N, indices
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import turn_between
 from handtrack.model.articulated import FINGERS, JOINT_CENTRES, definition_among, keypoint_names
+from handtrack.observation.observation import check_kind
 from handtrack.observation.truth import Truth
 from handtrack.tracking.frame.result import COLUMNS, Status, TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
@@ -187,6 +188,8 @@ def evaluate(
     HandtrackError
         When nothing can be compared.
     """
+    check_kind(track, TrackResult, "evaluate", "a track, as `read_npz` and `track` return it")
+    check_kind(truth, Truth, "evaluate", "a Truth, such as `session.truth`")
     track, names, found, true = _compared(in_truths_landmarks(track, truth, landmarks), truth)
     error = np.linalg.norm(found - true, axis=2)
     known, tracked = np.isfinite(error), track.status != Status.LOST

@@ -52,6 +52,12 @@ def replacing(path: Path) -> Iterator[Path]:
     sync_folder(path.parent)
 
 
+def check_folder_of(path: Path | str) -> None:
+    """Raise HandtrackError where the folder that a file is to be written to does not exist."""
+    if not Path(path).parent.is_dir():
+        raise HandtrackError(f"{path}: there is no folder {Path(path).parent}; make it first.")
+
+
 def replace_text(path: Path, text: str) -> None:
     """Write a text file whole or not at all."""
     with replacing(path) as part:

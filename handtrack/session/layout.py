@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterable
 from contextlib import suppress
+from difflib import get_close_matches
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
@@ -48,7 +49,8 @@ _WRITTEN = (
 
 _WILD = "*?["
 _LONGEST = 1000  # characters of a path
-_SHOWN = 3
+_SHOWN = 3  # names of those that are there, and of how many
+_COMPARED = 200
 
 
 def is_pattern(setting: str) -> bool:
@@ -94,9 +96,17 @@ def check_written(folder: Path) -> None:
 
 
 def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
-    """Return the files of a pattern, sorted; hidden files never match.
+    """Return the files of a pattern, as `existing_files`. Raises HandtrackError also when there is none."""
+    files = existing_files(folder, pattern, where)
+    if not files:
+        raise HandtrackError(f"{where}: {absence(folder, pattern)}.")
+    return files
 
-    Raises HandtrackError when the pattern or a file leaves the folder, or when nothing matches.
+
+def existing_files(folder: Path, pattern: str, where: str) -> list[Path]:
+    """Return the files of a pattern, sorted, none where nothing matches; hidden files never match.
+
+    Raises HandtrackError when the pattern or a file leaves the folder.
     """
     folder, pattern = _rooted(folder, pattern)
     if not is_pattern(pattern):
@@ -106,9 +116,7 @@ def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
                 f'{where}: "{pattern}" is a folder; expected a pattern of files, such as '
                 f'"{pattern.rstrip("/")}/*.png".'
             )
-        if not path.is_file():
-            raise HandtrackError(f'{where}: no file "{pattern}" in {folder}.')
-        return [path]
+        return [path] if path.is_file() else []
     fixed = folder / _fixed_part(pattern)
     climbs = ".." in PurePosixPath(pattern).parts
     if _is_absolute(pattern) or climbs or not _is_within(fixed, folder):
@@ -124,11 +132,8 @@ def matching_files(folder: Path, pattern: str, where: str) -> list[Path]:
             files += [parent / name for name in sorted([*found, *links])]
     except ValueError as error:
         raise HandtrackError(f'{where}: "{pattern}" is no pattern of files: {error}.') from None
-    if not files:
-        raise HandtrackError(
-            f'{where}: nothing matches "{pattern}" in {folder}; {_there(fixed, pattern)}. Check the pattern, or leave '
-            "the setting away if this camera has no such files."
-        )
+    if not files and "\\" in pattern:
+        raise HandtrackError(f'{where}: nothing matches "{pattern}"; write / between folders.')
     return files
 
 
@@ -154,15 +159,20 @@ def _entries(folder: Path, pattern: str) -> tuple[list[str], list[str]]:
     return files, links
 
 
-def _there(fixed: Path, pattern: str) -> str:
-    """Return what is in a folder in which nothing matches, in words."""
-    if "\\" in pattern:
-        return "write / between folders"
-    if not fixed.is_dir():
-        return f"there is no folder {fixed}"
-    names = sorted(path.name for path in fixed.iterdir() if not path.name.startswith("."))
-    shown = ", ".join(names[:_SHOWN]) + (", …" if len(names) > _SHOWN else "")
-    return f"in {fixed} there is {shown or 'nothing'}"
+def absence(folder: Path, pattern: str) -> str:
+    """Return that nothing matches a pattern, and the names most like it where it should be, in words."""
+    folder, pattern = _rooted(folder, pattern)
+    wanted, place = folder / pattern, folder / _fixed_part(pattern)
+    if not is_pattern(pattern):
+        place = place.parent
+    missing = ""
+    while not place.is_dir():
+        missing = f"there is no folder {place}; "
+        wanted, place = place, place.parent
+    names = [path.name for path in place.iterdir() if not path.name.startswith(".")]
+    near = get_close_matches(wanted.name, sorted(names)[:_COMPARED], _SHOWN, 0.0)
+    shown = ", ".join(near) + (", …" if len(names) > len(near) else "")
+    return f'nothing matches "{pattern}" in {folder}; {missing}in {place} there is {shown or "nothing"}'
 
 
 def place_of(path: Path, folder: Path) -> str:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from handtrack.arrays import D3, Array, Bytes, C, Floats, H, W
 from handtrack.capture.calibration.rig_file import read_rig, rig_json
@@ -65,6 +65,7 @@ from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
 
 _T = TypeVar("_T")
+_NAMED = 3  # of what is absent
 _ROOM_M = 0.05
 """by which a hand may be elsewhere than it was expected first, until a frame's cloud is measured again"""
 
@@ -133,6 +134,23 @@ class Session:
         session = cls(folder, file, session_rig(folder, file))
         return session.with_cameras(readable(cameras).camera)
 
+    def __copy__(self) -> Session:
+        changed = object.__new__(type(self))
+        changed.__dict__.update(self.__dict__)
+        return changed
+
+    def __reduce__(self) -> tuple[Callable[..., Session], tuple[Any, ...]]:
+        """Pickle what was asked for, not what was read: another process opens the files again."""
+        if self.live is not None:
+            raise HandtrackError(
+                f"{self.folder}: running cameras cannot be given to another process."
+            )
+        cameras = tuple(replace(c, lag_s=self._lags[c.name]) for c in self.file.cameras)
+        file = replace(self.file, cameras=cameras)
+        person = self.__dict__.get("prior_person")
+        seed = self.cloud_filters.seed
+        return _reopened, (self.folder, file, self.calibrated, self.corrections, person, seed)
+
     @property
     def name(self) -> str:
         return self.file.session.name
@@ -174,13 +192,20 @@ class Session:
         """Whether `frame_count` is known."""
         return all(video.audit is not None for video in self.videos)
 
+    def check_frames(self) -> None:
+        """Raise HandtrackError where there is no frame at all."""
+        if not self.known_frames:
+            words = (
+                f"{self.folder}: no frames at all; no camera has images, masks, depth or joints."
+            )
+            raise HandtrackError(" ".join([words, *self.absent[:_NAMED]]))
+
     def check_init(self, frames: range | None = None) -> None:
         """Raise HandtrackError where init.json is about none of these frames, all of the session's unless given."""
         frames = self.frame_range if frames is None else frames
-        if self.init is not None and self.init.frame not in frames:
+        if self.init is not None and frames and self.init.frame not in frames:
             raise HandtrackError(
-                f"{self.folder / INIT_FILE}: frame = {self.init.frame}, but the session has the frames 0 to "
-                f"{len(frames) - 1}."
+                f"{self.folder / INIT_FILE}: frame = {self.init.frame}, but {frames_words(frames)}."
             )
 
     @property
@@ -204,6 +229,11 @@ class Session:
         """What a person's file says beforehand of a hand that is fitted to the recording. Raises HandtrackError."""
         person = self.file.hand.person
         return None if person is None else read_scale(self._hand_file("person", person))
+
+    @property
+    def absent(self) -> list[str]:
+        """What session.toml names and is not there, and what is there instead, in sentences."""
+        return [text for view in self.views for text in view.absent.values()]
 
     @property
     def warnings(self) -> list[str]:
@@ -434,8 +464,7 @@ class Session:
         """
         if frame not in self.known_frames and frame not in self.frame_range:
             raise HandtrackError(
-                f"{self.folder}: no frame {frame}; the session has the frames 0 to "
-                f"{self.frame_count - 1}."
+                f"{self.folder}: no frame {frame}; {frames_words(self.frame_range)}."
             )
         cloud = cloud and self.has_clouds
         if self.cloud_filters.crop_m is None or not cloud:
@@ -516,6 +545,26 @@ class Session:
     def _hand_file(self, key: str, setting: str) -> Path:
         where = f"{self.folder / SESSION_FILE}, [hand], {key}"
         return matching_files(self.folder, setting, where)[0]
+
+
+def _reopened(
+    folder: Path,
+    file: SessionFile,
+    rig: CameraRig,
+    corrections: Mapping[str, CameraCorrection],
+    person: HandScale | None,
+    seed: int,
+) -> Session:
+    session = Session(folder, file, rig).with_cameras(corrections)
+    session.cloud_filters = session._filters(seed)
+    if person is not None:
+        session.prior_person = person
+    return session
+
+
+def frames_words(frames: range) -> str:
+    """Return which frames a session has, in words."""
+    return f"the session has {f'the frames 0 to {frames[-1]}' if frames else 'no frames'}"
 
 
 def session_rig(folder: Path, file: SessionFile) -> CameraRig:

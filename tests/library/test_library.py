@@ -13,10 +13,13 @@ from handtrack import (
     Keypoints,
     Observation,
     bundled_session,
+    evaluate,
     find_pose,
     load_model,
     read_cameras,
     track,
+    write_csv,
+    write_npz,
 )
 from handtrack.model.articulated import keypoint_names
 from handtrack.terms.priors.priors import GaussianPrior
@@ -128,6 +131,12 @@ def test_tables_for_pandas_and_xarray():
         data.position.dims
     )  # as movement asks
     assert (data.attrs["ds_type"], data.attrs["fps"]) == ("poses", 25.0)
+
+
+def test_what_cannot_be_compared_or_written_is_refused(tmp_path):
+    refused(r"\(2, 21, 3\).*Truth", evaluate, hand_track(), np.zeros((2, 21, 3)))
+    for write in (write_csv, write_npz):
+        refused("no folder", write, tmp_path / "none/a", hand_track())
 
 
 def test_gradient_and_hessian(rng):

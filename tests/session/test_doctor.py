@@ -116,11 +116,6 @@ ODD = {
         "warning",
         "with world_unit_m = 1. Is calibration.toml in millimetres? Then world_unit_m = 0.001.",
     ),
-    "same pose twice": (
-        edited("calibration.toml", "[0.0, 0.7, 0.0]", "[0.0, 0.0, 0.0]"),
-        "warning",
-        "cameras 'cam0' and 'cam1' have one pose. Was it copied?",
-    ),
     "matrix of another size": (
         edited("calibration.toml", "0.0, 31.5]", "0.0, 310.0]"),
         "warning",

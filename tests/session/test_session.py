@@ -1,8 +1,9 @@
 """Sessions: what an opened folder gives, frame by frame and camera by camera."""
 
+import pickle
+
 import cv2
 import numpy as np
-import pytest
 
 from handtrack import Session, bundled_session
 from handtrack.session import bundled
@@ -23,6 +24,11 @@ def test_images_and_masks_are_as_they_were_taken(folder):
     refused("'top'.*session.toml.*cam0, cam1", session.image, "top", 0)
 
 
+def test_another_process_opens_the_same(folder):
+    session = pickle.loads(pickle.dumps(Session.open(folder)))
+    assert session.mask("cam1", 2) is not None
+
+
 def test_frames_run_to_the_last_of_any_camera(folder):
     (folder / "masks/cam1/003.png").rename(folder / "masks/cam1/009.png")
     session = Session.open(folder)
@@ -30,18 +36,6 @@ def test_frames_run_to_the_last_of_any_camera(folder):
     assert session.observation(7).silhouettes == ()
     assert [s.camera.name for s in session.observation(9).silhouettes] == ["cam1"]
     refused("10.* 0 to 9", session.observation, 10)
-
-
-def test_time_is_that_of_the_first_camera_with_time_stamps(folder):
-    rows = ["camera,frame,time_s"]
-    rows += [f"cam0,{f},{f * 0.1:.3f}" for f in range(4)]
-    rows += [f"cam1,{f},{f * 0.1 + 0.01:.3f}" for f in range(3)]
-    (folder / "times.csv").write_text("\n".join(rows))
-    edit(folder / "session.toml", "fps = 10.0", 'timestamps = "times.csv"')
-    session = Session.open(folder)
-    assert [session.time_s(f) for f in range(3)] == pytest.approx([0.0, 0.1, 0.2])
-    assert session.fps == pytest.approx(10.0, rel=0.06)
-    assert session.time_s(5) == pytest.approx(0.3 + 2 / session.fps)
 
 
 def test_c11_the_line_to_write_is_said_and_does_it(folder):

@@ -81,8 +81,7 @@ def run(options: Namespace) -> int:
     out = writable(options.out, session.folder)
     if options.init != "auto":
         ask_for_other_side(session, first or session.init, options.yes)
-    if options.init is None:
-        note(*examine_start(session))
+    note(*(examine_start(session) if options.init is None else session.absent))
     take_recorder = TakeRecorder(
         out,
         session.folder,

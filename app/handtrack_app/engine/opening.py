@@ -60,8 +60,9 @@ def document(session: Session) -> Document:
 
 
 def opened(folder: Path) -> Session:
-    """Return a session whose videos are being counted."""
+    """Return a session whose videos are being counted. Raises HandtrackError also for one without frames."""
     session = Session.open(folder)
+    session.check_frames()
     count_beside(session.folder, session.videos)
     return session
 

@@ -166,6 +166,7 @@ class StartPage:
         for shown, find, name, where in cards:
             with suppress(HandtrackError, OSError):
                 session = Session.open(find())
+                session.check_frames()
                 words = f"{len(session.views)} cameras, {session.frame_count} frames"
                 images = (view.image(session.frame_range[0]) for view in session.views)
                 image = next((one for one in images if one is not None), None)

@@ -16,7 +16,7 @@ from handtrack.arrays import Array
 from handtrack.errors import HandtrackError
 from handtrack.export.isb import isb_angles, isb_std
 from handtrack.export.table import ResultsTable
-from handtrack.files.atomic import keep_version, replace_text, replacing
+from handtrack.files.atomic import check_folder_of, keep_version, replace_text, replacing
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.formats.tables import AXES, anatomy_arrays, write_arrays, write_npz
@@ -157,7 +157,10 @@ def write_wide(path: Path, table: ResultsTable) -> list[Path]:
 
 
 def write_csv(path: Path | str, track: TrackResult) -> None:
-    """Write the columns of contracts §5; then what else is known of each frame, such as how probably it is off, and the reason."""
+    """Write the columns of contracts §5; then what else is known of each frame, such as how probably it is off, and the reason.
+    Raises HandtrackError where there is no such folder.
+    """
+    check_folder_of(path)
     names, columns, _ = zip(*frame_columns(track), strict=True)
     cells = (map(number if c.dtype.kind == "f" else str, c.tolist()) for c in columns)
     write_rows(Path(path), names, zip(*cells, strict=True))

@@ -30,12 +30,10 @@ _START = 5  # frames from the first pose on
 def examine(session: Session) -> list[Finding]:
     """Return the findings about a session's files, cameras, masks, first pose and truth, in this
     order."""
-    if session.frame_count == 0:
-        return [
-            error(
-                f"{session.folder}: no frames at all; no camera has images, masks or depth.",
-            )
-        ]
+    try:
+        session.check_frames()
+    except HandtrackError as reason:
+        return [error(str(reason))]
     found = [
         ok(
             f"{session.frame_count} frames, {session.frame_count / session.fps:.1f} s at "
@@ -76,7 +74,8 @@ def examine_start(session: Session) -> list[str]:
     if session.file.clouds is not None and session.file.clouds.stereo:
         checks.append(check_synchrony(session))
     found = [finding for check in checks for finding in _all_of(check)]
-    return [finding.text for finding in found if finding.severity in ("warning", "error")]
+    odd = [finding.text for finding in found if finding.severity in ("warning", "error")]
+    return [*session.absent, *odd]
 
 
 def _all_of(check: Iterator[Finding]) -> Iterator[Finding]:

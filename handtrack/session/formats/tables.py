@@ -13,7 +13,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Axes
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import keep_version, replacing
+from handtrack.files.atomic import check_folder_of, keep_version, replacing
 from handtrack.files.npz_files import read_arrays
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracking.frame.reason import KINDS
@@ -45,7 +45,8 @@ def write_result(path: Path | str, track: TrackResult) -> Path | None:
 
 
 def write_npz(path: Path | str, track: TrackResult) -> None:
-    """Write a result whole or not at all. The same result gives the same bytes."""
+    """Write a result whole or not at all. The same result gives the same bytes. Raises HandtrackError where there is no such folder."""
+    check_folder_of(path)
     arrays: dict[str, Array] = {"format": np.array(1 if track.definition is None else FORMAT)}
     for field in fields(track):
         value = getattr(track, field.name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +20,6 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.session.layout import matching_files
 
 _LEAST = 0.3  # confidence below which a point counts as missing; above, it says nothing of the error (docs/explanation/accuracy.md)
 NO_JOINTS = (
@@ -56,9 +56,9 @@ def joints_of_model(seen: ImageKeypoints, model: ArticulatedModel) -> ImageKeypo
 class KeypointFiles:
     """Files of 2D joints by frame number, and how they are to be read."""
 
-    def __init__(self, folder: Path, pattern: str, layout: str, camera: Camera, where: str) -> None:
-        """Raises HandtrackError when no file matches, two have the same number, or the first cannot be read."""
-        self.files = files_by_frame(matching_files(folder, pattern, where))
+    def __init__(self, files: Sequence[Path], layout: str, camera: Camera) -> None:
+        """Raises HandtrackError when two files have the same number, or the first cannot be read."""
+        self.files = files_by_frame(files)
         self.layout: Layout = LAYOUTS[layout]
         self.landmark_definition = landmark_definition(layout)
         self.camera = camera

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cache, cached_property, lru_cache, partial
@@ -57,7 +57,13 @@ from handtrack.observation.observation import (
     undistort_silhouette,
 )
 from handtrack.parallel import LRUCache
-from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
+from handtrack.session.layout import (
+    SESSION_FILE,
+    absence,
+    existing_files,
+    is_pattern,
+    matching_files,
+)
 from handtrack.session.session_file import CameraSettings, missing_counterpart
 from handtrack.session.sources.camera_times import CameraTimes
 from handtrack.session.sources.corrected_masks import CorrectedMasks
@@ -70,6 +76,13 @@ MaskChoice = tuple[str | MaskMethod | None, Roi | None]
 """files, a method or none, and a region of interest"""
 _Masks = Callable[[Array[H, W, *Axes], int], Bytes[H, W] | None]
 """an image, or depth, and the camera's own frame → the mask; None where the hand is not expected anywhere"""
+_ABOUT = {
+    "images": ("bayer", "demosaic", "white_level"),
+    "masks": ("mask_unknown",),
+    "depth": ("depth_scale_m",),
+    "keypoints": ("keypoint_layout",),
+}
+"""settings that say how others' files are to be read"""
 _KINDS = {"images": COLOUR, "masks": MASK, "depth": DEPTH}
 _BYTES_KEPT = 100_000_000  # of one camera: the usual 25 images of up to 4 MB
 _BRIDGED = 3
@@ -120,6 +133,8 @@ class View:
         self._learning = threading.Lock()
         self._check_roi()
         self._lens, self._view = self._lens_and_view()
+        self.absent: dict[str, str] = {}
+        """by a setting that names files of which there is none: what is there instead, in words"""
         recorded = self._source("images")
         self.images = recorded if live is None else live
         self._taught_by = recorded
@@ -131,6 +146,8 @@ class View:
         self.mask_files = self._mask_files()
         self.depth = self._source("depth")
         self.keypoint_files = self._keypoint_files()
+        if live is None:
+            self.settings = _without(settings, self.absent)
         for source in self.sources:
             source.size  # noqa: B018  reads one image, which checks its size
 
@@ -145,6 +162,8 @@ class View:
         wrong = missing_counterpart(changed.settings)
         if wrong is not None:
             raise HandtrackError(f"{self._where}: {wrong}")
+        if isinstance(masks, str):
+            matching_files(self._folder, masks, f"{self._where}, masks")
         changed._check_roi()
         changed._learning, changed._computed = threading.Lock(), LRUCache()
         changed.__dict__.pop("_learned", None)
@@ -206,7 +225,11 @@ class View:
         joints = () if self.keypoint_files is None else self.keypoint_files.warnings
         times = "" if self.times is None else self.times.note
         joined = [f"camera '{self.name}': {times}"] if times else []
-        return [*joined, *(text for source in self.sources for text in source.warnings), *joints]
+        missing = [
+            f"{text} This camera's {key} count as missing." for key, text in self.absent.items()
+        ]
+        sources = (text for source in self.sources for text in source.warnings)
+        return [*missing, *joined, *sources, *joints]
 
     def image(self, frame: int) -> Array[H, W, D3] | None:
         """Return the frame's image uint8 BGR, None where missing."""
@@ -377,35 +400,37 @@ class View:
             )
 
     def _keypoint_files(self) -> KeypointFiles | None:
-        pattern, layout = self.settings.keypoints, self.settings.keypoint_layout
-        if pattern is None:
-            return None
-        where = f"{self._where}, keypoints"
-        return KeypointFiles(self._folder, pattern, layout or "body_25", self.camera, where)
+        files, layout = self._files_of("keypoints"), self.settings.keypoint_layout
+        return KeypointFiles(files, layout or "body_25", self.camera) if files else None
 
     def _source(self, key: str) -> FrameSource | None:
-        """Return what a setting names files of: images, masks or depth; None where it names none."""
-        setting = getattr(self.settings, key)
-        if not isinstance(setting, str):
-            return None
-        source = self._recording(key, setting)
-        if self._lens is not None:
+        """Return what a setting names files of: images, masks or depth; None where it names none, or none are there."""
+        files = self._files_of(key)
+        source = self._recording(key, files) if files else None
+        if source is not None and self._lens is not None:
             source = _straightened(source, self._lens, self._view)
         return source
 
-    def _recording(self, key: str, setting: str) -> FrameSource:
-        folder, where = self._folder, f"{self._where}, {key}"
+    def _files_of(self, key: str) -> list[Path]:
+        """Return the files that a setting names."""
+        setting, where = getattr(self.settings, key), f"{self._where}, {key}"
+        if not isinstance(setting, str):
+            return []
+        files = existing_files(self._folder, setting, where)
+        if not files:
+            self.absent[key] = f"{where}: {absence(self._folder, setting)}."
+        return files
+
+    def _recording(self, key: str, files: list[Path]) -> FrameSource:
+        folder, where, setting = self._folder, f"{self._where}, {key}", getattr(self.settings, key)
         if is_pattern(setting) or Path(setting).suffix.lower() in IMAGE_SUFFIXES:
-            files = matching_files(folder, setting, where)
             if not any(path.suffix.lower() in IMAGE_SUFFIXES for path in files):
                 raise HandtrackError(
                     f'{where}: "{setting}" matches {files[0].name}, which is no image; expected one of '
                     f"{', '.join(IMAGE_SUFFIXES)}. A video is named without *, ? or [."
                 )
             return self._files(files, key, str(folder / setting))
-        path = inside(folder, setting, where)
-        if path.is_dir() or key != "images":
-            matching_files(folder, setting, where)  # says what is wrong with it
+        if key != "images":
             raise HandtrackError(
                 f'{where}: "{setting}" is no image file; expected a pattern such as "{key}/*.png".'
             )
@@ -415,6 +440,7 @@ class View:
                 'mosaics; expected numbered files without loss, such as "cam0/*.png". A video\'s compression mixes the '
                 "colours of a mosaic: unpack it to files, or leave `bayer` away if it is in colour."
             )
+        path = files[0]
         return VideoFile(path, self._taken_size, f"{where}, {path}", read_audit(folder, path))
 
     def _files(self, files: list[Path], key: str, where: str) -> FrameSource:
@@ -423,6 +449,16 @@ class View:
             return ImageFiles(files, _KINDS[key], self._taken_size, where)
         level, method = self.settings.white_level, self.settings.demosaic
         return MosaicFiles(files, pattern.upper(), level, method, self._taken_size, where)
+
+
+def _without(settings: CameraSettings, absent: Collection[str]) -> CameraSettings:
+    """Return a camera's settings without those whose files are absent, and what is said of these."""
+    masks = settings.masks
+    gone = {name for key in absent for name in (key, *_ABOUT[key])}
+    if masks is not None and not isinstance(masks, str):
+        needs = {masks.needs, "keypoints"} if isinstance(masks, Seeded) else {masks.needs}
+        gone |= {"masks"} if needs & set(absent) else set()
+    return replace(settings, **dict.fromkeys(gone))
 
 
 def _straightened(taken: FrameSource, lens: SourceLens, view: Camera) -> DerivedFrames:

@@ -21,7 +21,7 @@ from handtrack.session.first_pose.first_pose_search import (
 )
 from handtrack.session.layout import POSES_FILE, SESSION_FILE
 from handtrack.session.run import TrackingRun, poses_of_image_joints
-from handtrack.session.session import Session
+from handtrack.session.session import Session, frames_words
 from handtrack.tracking.find_pose import PoseEstimate
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -95,6 +95,7 @@ def check_observed(session: Session, settings: TrackerSettings, use: str | None)
             raise HandtrackError(
                 f"--use {use}: {session.folder / SESSION_FILE} has no {name}: {needs}."
             )
+    session.check_frames()
     by_images = images and settings.uses_images
     if joints and settings.keypoints.weight > 0:
         return
@@ -105,6 +106,7 @@ def check_observed(session: Session, settings: TrackerSettings, use: str | None)
             f'[[camera]] in {SESSION_FILE} `masks`: files such as "masks/cam0/*.png", or a method such as '
             '{ method = "skin_ycrcb" } where there are images; or a table [clouds] where there is depth or stereo; '
             "or track by the images themselves, with --use edges,intensity."
+            + "".join(f" {text}" for text in session.absent)
         )
     weights = (settings.silhouettes.weight * masks, settings.cloud.weight * clouds)
     if not any(weights) and not by_images and settings.keypoints.weight == 0:
@@ -135,8 +137,7 @@ def first_pose(init: str | None, session: Session, settings: TrackerSettings) ->
     pose = read_first_pose(Path(init), model.parameter_names)
     if pose.frame not in session.known_frames and pose.frame not in session.frame_range:
         raise HandtrackError(
-            f"--init {init}: it is about frame {pose.frame}, but {session.folder} has the frames 0 to "
-            f"{session.frame_count - 1}."
+            f"--init {init}: it is about frame {pose.frame}, but {frames_words(session.frame_range)}."
         )
     return pose
 
