@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from handtrack.tracking.frame.control import Fitter, Proposer, Round, Search
-from handtrack.tracking.hypotheses.mixture_search import FIRST_HYPOTHESES, NEXT_HYPOTHESES
+from handtrack.tracking.hypotheses.mixture import FIRST_HYPOTHESES, NEXT_HYPOTHESES
 from handtrack.tracking.search.frame_solve import POOR_CLOUD
 from handtrack.tracking.search.global_search import (
     FIRST_POSE,

@@ -50,7 +50,7 @@ from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
 from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.cloud_terms import agreement
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
-from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
+from handtrack.tracking.search.keypoint_start import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import refine_recording, track_recording
 from handtrack.tracking.size.person import FEWEST_BY_JOINTS, Subject, is_observed_around
 from handtrack.tracking.tracker import Tracker

@@ -44,7 +44,7 @@ from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, assesse
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
-from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
+from handtrack.tracking.search.keypoint_start import FEWEST, fit_keypoints
 from handtrack.tracking.size.estimate import fit_size
 
 _SIGMA_M = 0.01  # how well another skeleton's joints are ours

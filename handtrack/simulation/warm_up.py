@@ -20,7 +20,7 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.global_search import GlobalObjective
-from handtrack.tracking.search.scores.hand_shapes import shape_of
+from handtrack.tracking.search.scores import shape_of
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.size.person import Subject
 from handtrack.tracking.tracker import Tracker

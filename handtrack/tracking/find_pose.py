@@ -14,10 +14,14 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, check_kind
 from handtrack.parallel import one_blas_thread
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.engine import Candidate
-from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
-from handtrack.tracking.search.keypoint_start import hands_from_images, in_space
+from handtrack.tracking.search.global_search import auto_start
+from handtrack.tracking.search.keypoint_start import (
+    FEWEST,
+    fit_keypoints,
+    hands_from_images,
+    in_space,
+)
 from handtrack.tracking.search.start_confidence import clustered_modes
 
 SURE = 0.85

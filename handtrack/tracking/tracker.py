@@ -25,8 +25,7 @@ from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.hypotheses.mixture import solve_mixture
 from handtrack.tracking.search.frame_solve import solve_frame
-from handtrack.tracking.search.lost_hand import with_hand_recovered
-from handtrack.tracking.search.policy import searches_everywhere
+from handtrack.tracking.search.global_search import searches_everywhere, with_hand_recovered
 from handtrack.tracking.size.person import Subject
 from handtrack.tracking.whole.refinement import CameraError
 

@@ -14,8 +14,7 @@ from handtrack import (
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.search.auto_start import auto_start
-from handtrack.tracking.search.other_side import other_side_log_odds
+from handtrack.tracking.search.global_search import auto_start, other_side_log_odds
 from tests.tracking.scenes import off_mm, on_surface, posed
 
 HANDS = [load_model(forearm=arm) for arm in (False, True)]

@@ -23,7 +23,7 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.clouds.cloud_emptiness import hidden
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.cloud_terms import see_cloud
-from handtrack.tracking.search.initialize import fit_keypoints
+from handtrack.tracking.search.keypoint_start import fit_keypoints
 from handtrack.tracking.sequence import track_frames
 from tests.tracking.scenes import followed, inside_stated, on_surface
 

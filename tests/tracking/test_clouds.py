@@ -20,7 +20,7 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM
 from handtrack.tracking.frame.terms.cloud_terms import see_cloud
-from handtrack.tracking.search.initialize import carried_over
+from handtrack.tracking.search.keypoint_start import carried_over
 from handtrack.tracking.sequence import track_frames
 from tests.experiments.scenes.simulated_clouds import FINE, depth_views
 from tests.tracking.scenes import inside_stated, off_mm, on_surface, posed

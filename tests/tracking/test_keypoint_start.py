@@ -7,8 +7,9 @@ from handtrack import HandScale, Keypoints, load_model
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.search.initialize import fit_keypoints, fit_scale
 from handtrack.tracking.search.keypoint_start import (
+    fit_keypoints,
+    fit_scale,
     hands_from_images,
     triangulated,
 )

@@ -16,11 +16,11 @@ from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.motion_belief import MotionBelief
-from handtrack.tracking.hypotheses import mixture, mixture_search
-from handtrack.tracking.hypotheses.mixture import searched
-from handtrack.tracking.hypotheses.mixture_search import (
+from handtrack.tracking.hypotheses import mixture
+from handtrack.tracking.hypotheses.mixture import (
     MixtureObjective,
     Source,
+    searched,
     without_memory,
 )
 from tests.tracking.scenes import Told
@@ -93,7 +93,7 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     camera = simulated_rig(1, (320, 240)).cameras[0]
     unseen = np.full((len(HAND.joint_names), 2), np.nan)
     look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
-    monkeypatch.setattr(mixture_search, "JUMP_SHARE", share)
+    monkeypatch.setattr(mixture, "JUMP_SHARE", share)
     chosen = settings(**{"mixture.draws": 4, "mixture.chains": ("index",)})
     told = Told()
     last = component(mean, np.diag(variance), terms)
@@ -122,7 +122,7 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
     last = component(rest, 1e-4 * np.eye(26), frame(HAND))
 
     def log_priors(votes):
-        monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
+        monkeypatch.setattr(mixture, "chain_votes", lambda *_: np.array(votes))
         chosen = settings(**{"mixture.draws": 16, "mixture.chains": ("index", "ring")})
         following = MixtureObjective(HAND, chosen, look, rest, components=[last])
         return {c.origin: c.source.log_prior for c in following.kinematic_jumps([], 0)}

@@ -18,10 +18,9 @@ from handtrack import (
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control, Round, Search
-from handtrack.tracking.search import engine, lost_hand
+from handtrack.tracking.search import engine
 from handtrack.tracking.search.engine import Candidate, improved
-from handtrack.tracking.search.global_search import GlobalObjective
-from handtrack.tracking.search.policy import why_hand_may_be_lost
+from handtrack.tracking.search.global_search import LOST_HAND, GlobalObjective, why_hand_may_be_lost
 from tests.tracking.scenes import Told, joints_seen, off_mm, on_surface, posed
 
 MODEL = load_model()
@@ -80,7 +79,7 @@ def test_masks_that_outline_nothing_are_not_searched_and_the_frame_says_so(known
     result, searched = searched_for(known, seen)
     assert result.status == Status.LOST
     assert result.reason.kind == "filled mask"
-    assert lost_hand.LOST_HAND.situation not in searched
+    assert LOST_HAND.situation not in searched
     assert GlobalObjective.of(seen, JUMPS) is None
     some = GlobalObjective.of(replace(good, silhouettes=(*good.silhouettes[:2], spoilt[2])), JUMPS)
     assert [len(source.whole) for source in some.sources] == [2]
@@ -96,7 +95,7 @@ def test_neither_a_ball_nor_what_fits_no_hand_is_taken_for_the_hand(known, box):
         one.mask[:] = 0.0
         one.mask[box] = 1.0
     result, searched = searched_for(known, seen)
-    assert lost_hand.LOST_HAND.situation in searched
+    assert LOST_HAND.situation in searched
     assert result.status == Status.LOST
 
 
@@ -111,7 +110,7 @@ def test_a_hand_whose_joints_two_cameras_see_there_is_not_lost_nor_looked_for(kn
         seen = replace(good, silhouettes=spoilt, keypoints=joints[:cameras])
         result, searched = searched_for(known, seen)
         assert result.status == status
-        assert (lost_hand.LOST_HAND.situation in searched) == (status == Status.LOST)
+        assert (LOST_HAND.situation in searched) == (status == Status.LOST)
 
 
 @pytest.mark.parametrize(

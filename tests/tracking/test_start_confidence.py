@@ -17,9 +17,10 @@ from handtrack.tracking.search.global_search import (
     narrow,
     wide,
 )
-from handtrack.tracking.search.scores.cloud_score import cloud_score
-from handtrack.tracking.search.scores.hand_shapes import palm_middle, shape_of
-from handtrack.tracking.search.scores.silhouette_score import (
+from handtrack.tracking.search.scores import (
+    cloud_score,
+    palm_middle,
+    shape_of,
     silhouette_score,
     visual_hull,
 )

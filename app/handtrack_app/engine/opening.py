@@ -19,7 +19,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.sources.video_audits import count_beside
 from handtrack.store.store import Store
-from handtrack.tracking.search.initialize import FEWEST, placed_on_points
+from handtrack.tracking.search.keypoint_start import FEWEST, placed_on_points
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import observed_kinds
 from handtrack_app.engine.store.persistence import show_track_file

@@ -24,7 +24,7 @@ from handtrack.session.sources.keypoint_files import NO_JOINTS
 from handtrack.session.sources.views import View
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.tables.track_model import model_of
-from handtrack.tracking.search.initialize import fit_keypoints
+from handtrack.tracking.search.keypoint_start import fit_keypoints
 
 _WRIST, _MIDDLE_MCP = 0, 9  # rows of the 21 keypoints
 PALM_M = (0.05, 0.13)  # wrist to middle knuckle: children to large men, with a margin

@@ -23,7 +23,7 @@ from handtrack.tracking.frame.confidence import hand_words, odd_size
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.other_side import other_side_log_odds
+from handtrack.tracking.search.global_search import other_side_log_odds
 from handtrack.tracking.size.camera_consistency import CameraInconsistency, camera_inconsistencies
 
 _FEWEST, _SAMPLED = 4, 8  # frames, evenly spread

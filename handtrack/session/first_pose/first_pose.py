@@ -21,10 +21,9 @@ from handtrack.model.model_file import scale_from, scale_table
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking.find_pose import PoseEstimate, noted, pose_in_space, poses_by_joints
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.auto_start import auto_start
-from handtrack.tracking.search.global_search import GIVEN_JOINTS
+from handtrack.tracking.search.global_search import GIVEN_JOINTS, auto_start
 from handtrack.tracking.search.keypoint_start import hands_from_images
-from handtrack.tracking.search.scores.hand_shapes import shape_of
+from handtrack.tracking.search.scores import shape_of
 
 _CONVENTION = "openpose21"
 _PARAMETERS_FORM = '{"frame": 0, "parameters": {"root_tx": 0.1, ...}}'

@@ -25,8 +25,8 @@ from handtrack.tracking.find_pose import (
 )
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.search.auto_start import Progress, auto_start
 from handtrack.tracking.search.engine import Candidate
+from handtrack.tracking.search.global_search import Progress, auto_start
 from handtrack.tracking.search.start_confidence import KNOWN_SIZE_SIGMA, SIZE_SIGMA
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import CONFIRMED_BY

@@ -18,7 +18,7 @@ from handtrack.parallel import in_parallel
 from handtrack.sampling.suppression import MERGED_RAD, distinct
 from handtrack.tracking.frame.control import Control, Search, SearchReport, Tried
 from handtrack.tracking.frame.result import FrameResult, Step
-from handtrack.tracking.search.scores.hand_shapes import HandShape
+from handtrack.tracking.search.scores import HandShape
 
 
 @array_dataclass
@@ -48,6 +48,12 @@ class Candidate:
         """The frame's result there, once it was fitted as the tracker fits."""
         assert self.solved is not None
         return self.solved.result
+
+    @property
+    def rigid(self) -> HandShape:
+        """The rigid shape that it started from, in a search by silhouettes and clouds."""
+        assert self.shape is not None
+        return self.shape
 
     @property
     def joints(self) -> Floats[D21, D3]:

@@ -30,7 +30,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement
 from handtrack.tracking.search.engine import Candidate, report
-from handtrack.tracking.search.initialize import carried_over
+from handtrack.tracking.search.keypoint_start import carried_over
 from handtrack.tracking.search.lost_finger import finger_search, with_fingers_recovered
 
 POOR, GOOD = 0.80, 0.88

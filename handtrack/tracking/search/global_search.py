@@ -1,7 +1,7 @@
 """A frame searched for a hand of which little is known: rigid hands everywhere descend by silhouettes and cloud.
 
 Candidates descend with wide arms first (12 mm), are compared with short ones (4 mm), and the best are fitted as the
-tracker fits.
+tracker fits. First poses, lost hands and the other hand are looked for so.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from itertools import pairwise, product
+from itertools import pairwise, product, takewhile
 
 import numpy as np
 
@@ -26,20 +26,34 @@ from handtrack.sampling.interpretation_tree import chain_flips
 from handtrack.sampling.suppression import apart, apart_joints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.control import Control, Round, Search
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.tracking.frame.confidence import assess, is_where_joints_are
+from handtrack.tracking.frame.control import Control, Round, Search, Tried
 from handtrack.tracking.frame.frame_task import FrameTask
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.result import FrameResult, Status, Step
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
-from handtrack.tracking.search.engine import Candidate, each
+from handtrack.tracking.search.engine import Candidate, each, improved, report, run_rounds
 from handtrack.tracking.search.frame_solve import solve_frame
-from handtrack.tracking.search.policy import UNSEEN_EVERY
-from handtrack.tracking.search.scores.cloud_score import CloudScore, cloud_score
-from handtrack.tracking.search.scores.hand_shapes import HandShape, palm_middle, shape_of
-from handtrack.tracking.search.scores.silhouette_score import (
+from handtrack.tracking.search.lost_finger import is_due
+from handtrack.tracking.search.scores import (
+    CloudScore,
+    HandShape,
     SilhouetteScore,
+    cloud_score,
+    hand_shapes,
+    palm_middle,
+    shape_of,
     silhouette_score,
 )
-from handtrack.tracking.search.start_confidence import BASIN_M
+from handtrack.tracking.search.start_confidence import (
+    BASIN_M,
+    SIZE_SIGMA,
+    fit_quality,
+    p_in_basin,
+    shares,
+)
 from handtrack.tracking.size.estimate import fit_size
 from handtrack.tracking.size.person import SIZE_BANDS_MM
 
@@ -59,6 +73,10 @@ _PROMISING = 2.0
 _LOOKED_AT = 3000
 PLACE_M = 0.07
 """palms that are nearer are at one place"""
+UNSEEN_EVERY = 5
+"""frames between two searches in a row where nothing was seen near the expected position"""
+_NEAR_M, _SPEED_M = 0.10, 0.03
+"""how far a palm may be from where it was, or from the other hand's, and how much further each frame"""
 _APART_RAD, _APART_M = np.deg2rad(24.0), 0.03
 _STRETCHED, _BENT = "open", "fist"
 _SHAPE_ERRORS = 30.0  # ways in which a hand is not the model: length and girth of fifteen phalanges
@@ -84,18 +102,22 @@ class GlobalObjective:
     control: Control = Control()
 
     @classmethod
-    def of(cls, seen: Observation, settings: TrackerSettings) -> GlobalObjective | None:
+    def of(
+        cls, seen: Observation, settings: TrackerSettings, control: Control = Control()
+    ) -> GlobalObjective | None:
         """Return what a frame's cloud and silhouettes say, as far as settings use them; None where they say nothing."""
-        sources: list[SearchScore] = []
-        if seen.cloud is not None and settings.cloud.weight > 0:
-            cloud = cloud_score(seen.cloud.points, seen.cloud_views, settings.tracker.seed)
-            if cloud is not None:
-                sources.append(cloud)
-        if seen.silhouettes and settings.silhouettes.weight > 0:
-            outlines = silhouette_score(seen.silhouettes)
-            if outlines is not None:
-                sources.append(outlines)
-        return cls(tuple(sources), seen, settings) if sources else None
+        cloud = seen.cloud if settings.cloud.weight > 0 else None
+        scores = (
+            cloud_score(cloud.points, seen.cloud_views, settings.tracker.seed) if cloud else None,
+            silhouette_score(seen.silhouettes if settings.silhouettes.weight > 0 else ()),
+        )
+        sources = tuple(score for score in scores if score is not None)
+        return cls(sources, seen, settings, control=control) if sources else None
+
+    def standing(self, model: ArticulatedModel, params: Floats[P], origin: str) -> Candidate:
+        """Return a pose that is not from a search, measured as what a search finds."""
+        shape = shape_of(model, model.joint_params(params), origin)
+        return self.measured(Candidate(model, params, origin=origin, shape=shape))
 
     def measured(self, candidate: Candidate) -> Candidate:
         """Return a candidate with the cost by which finished ones are compared: short arms, the same for all; with its forearm or
@@ -120,8 +142,7 @@ class GlobalObjective:
         return self.problem(candidate, NARROW_M, unbiased=self.resize is not None)
 
     def problem(self, candidate: Candidate, band_m: float, unbiased: bool = False) -> Problem:
-        shape, model = candidate.shape, candidate.model
-        assert shape is not None, "a candidate of evidence starts from a shape"
+        shape, model = candidate.rigid, candidate.model
         terms = [
             term
             for source in self.sources
@@ -134,8 +155,7 @@ class GlobalObjective:
 
         Along a phalanx outlines and clouds err alike; and all views of one hand err alike that is not the model's.
         """
-        shape = candidate.shape
-        assert shape is not None, "a candidate of evidence starts from a shape"
+        shape = candidate.rigid
         pieces = sum(source.pieces(shape, candidate.params) for source in self.sources)
         return 1.0 / (1.0 / max(pieces, 1.0) + 1.0 / _SHAPE_ERRORS)
 
@@ -357,8 +377,7 @@ def _sized(
     looked at stays the same, so that costs can be compared. problems_around: what pulls a candidate, from far first.
     """
     for problem_around in problems_around:
-        model, before = candidate.model, candidate.shape
-        assert before is not None, "a candidate of evidence starts from a shape"
+        model, before = candidate.model, candidate.rigid
         free = np.array([name == "overall" for name in SizeParameters(model).names])
         problem = problem_around(candidate)
         scale, (params,) = fit_size([problem], [candidate.params], free)
@@ -498,3 +517,217 @@ OTHER_SIDE = Search(
     measure="as for a first pose",
     taken="none; a warning if the summed log-odds exceed 5",
 )
+
+
+# ---- the first frame without a first pose: hands everywhere, the best descend, the rest is told apart by energy
+
+
+Progress = Callable[[float, str], None]
+"""called with the share that is done and what is being done"""
+
+
+def auto_start(
+    models: Sequence[ArticulatedModel],
+    settings: TrackerSettings,
+    seen: Observation,
+    should_stop: Callable[[], bool] | None = None,
+    on_progress: Progress | None = None,
+    size_sigma: float = SIZE_SIGMA,
+    resize: Resize | None = None,
+    found: Sequence[Candidate] = (),
+) -> list[Candidate]:
+    """Return first poses for what was seen of one frame, the surest first; empty where no hand can be seen.
+
+    Looks everywhere: nothing is assumed of position, rotation and posture but that the hand is rather open than closed.
+
+    Parameters
+    ----------
+    models
+        those that may explain it, say without and with a forearm
+    size_sigma
+        the share to which their size is known
+    resize
+        makes them in other sizes, where it is not; the best poses then find theirs
+    found
+        poses by joints in images, of which silhouettes and cloud decide instead of a search over `models`
+    """
+    progress = on_progress or (lambda share, text: None)
+    search = GIVEN_JOINTS if found else FIRST_POSE
+    control = Control() if should_stop is None else Control(should_stop)
+    progress(0.0, "looking for the hand")
+    count = len(search.rounds)
+    objective = GlobalObjective.of(seen, settings, control)
+    if objective is None:
+        return []
+    shapes = [shape for model in models for shape in hand_shapes(model)]
+    objective = replace(objective, shapes=shapes, resize=resize)
+    done = run_rounds(
+        search, objective, found, lambda n, tried: progress(n / count, f"{tried} poses are tried")
+    )
+    kept = objective.distinct([c for c in done if c.solved is not None], search.most)
+    if not kept:
+        return []
+    kept = sorted(objective.compared(kept), key=lambda c: c.cost)
+    quality = fit_quality(kept[0].model, settings, seen, kept[0].params)
+    errors = objective.independent_errors(kept[0])
+    share = shares(np.array([c.cost for c in kept]), errors)
+    sure = []
+    for candidate, part in zip(kept, share, strict=True):
+        problem = objective.narrow_problem(candidate)
+        given = [KeypointTerm(candidate.model, joints) for joints in seen.keypoints]
+        problem = replace(problem, observation_terms=[*problem.observation_terms, *given])
+        near = p_in_basin(problem, candidate.params, errors, size_sigma, settings.tracker.seed)
+        sure.append(replace(candidate, confidence=float(quality * part * near), p_in_basin=near))
+    return sure
+
+
+# ---- a hand that may be lost: hands around the last known place are tried, and taken only where they fit clearly better
+
+
+def why_hand_may_be_lost(result: FrameResult, previous: Sequence[FrameResult]) -> str:
+    """Return why the hand is looked for elsewhere; empty where it is not.
+
+    When a frame does not fit; of several such frames in a row the first, second, fourth, eighth …: what was not found in
+    one of them is rarely found in the next. A frame in which nothing was seen ends such a row and begins one of its own
+    (there may be a cloud, but far from where the hand was expected), of which every fifth is looked at as well. Among the wrong points
+    of a poor cloud, and among those of other things, another hand often fits better: there nothing is looked for while the hand is not lost.
+    """
+    if result.fits or not previous or result.clutters:
+        return ""
+    unseen, row = not np.isfinite(result.energy), 1
+    for before in reversed(previous):
+        if before.fits or not (unseen or np.isfinite(before.energy)):
+            break
+        row += 1
+    due = is_due(row) or (unseen and row % UNSEEN_EVERY == 0)
+    return f"frame {row} of a series without a good fit: {result.note}" if due else ""
+
+
+def searches_everywhere(previous: Sequence[FrameResult]) -> bool:
+    """Return whether the next frame is one in which a lost hand is looked for everywhere; in others it is where it was, or nowhere."""
+    row = 1 + len(list(takewhile(lambda r: not r.fits, reversed(previous))))
+    lost = bool(previous) and previous[-1].status == Status.LOST
+    return lost and (is_due(row) or row % UNSEEN_EVERY == 0)
+
+
+def with_hand_recovered(task: FrameTask, solved: Step) -> Step:
+    """Return a frame as it was solved, or at another pose that fits what was seen clearly better, where it is in doubt and no two
+    cameras see the joints there.
+    """
+    model, result = task.model, solved.result
+    why = why_hand_may_be_lost(result, task.previous)
+    if not why or not model.has_keypoints21:
+        return solved
+    params = model.solver_params(result.parameters)
+    bones = model.bones(params)
+    if is_where_joints_are(frame_terms(model, task.settings, task.observation, bones), bones):
+        return solved
+    if not task.control.searches:
+        return replace(solved, search_due=True)
+    objective = GlobalObjective.of(task.observation, task.settings, task.control)
+    if objective is None:
+        return solved
+    known = [r for r in task.previous if r.status != Status.LOST and np.isfinite(r.energy)]
+    last = known[-1] if known else task.previous[-1]
+    middle = palm_middle(model, model.solver_params(last.parameters))
+    reach = _NEAR_M + _SPEED_M * abs(task.observation.frame - last.frame)
+    # of a lost hand nobody knows how far it went: it is looked for everywhere
+    is_lost = result.status == Status.LOST
+    objective = replace(
+        objective,
+        shapes=[shape_of(model, last.parameters, "last"), *hand_shapes(model)],
+        within=(middle, np.inf if is_lost else reach),
+    )
+
+    def compared(candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Return candidates by the same observation, of which none is taken that is less sure than what stands, or further off than a
+        palm goes in a frame and does not fit.
+        """
+        found = objective.compared(candidates)
+        for n, one in enumerate(found):
+            if one.solved is None:
+                continue
+            assessed = _assessed(task, one.solved).result
+            far = np.linalg.norm(palm_middle(model, one.params) - middle) > _NEAR_M
+            if (far and not assessed.fits) or assessed.p_off_25mm > result.p_off_25mm:
+                found[n] = replace(one, cost=np.inf)
+        return found
+
+    standing = objective.standing(model, params, "standing pose")
+    best = improved(LOST_HAND, objective, standing, task.observation.frame, why, compared)
+    return solved if best.solved is None else _assessed(task, best.solved)
+
+
+def _assessed(task: FrameTask, solved: Step) -> Step:
+    """Return a result with its status judged beside the frames before it."""
+    model, result = task.model, solved.result
+    bones = model.bones(model.solver_params(result.parameters))
+    terms = frame_terms(model, task.settings, task.observation, bones)
+    status, reason = assess(terms, bones, result.energy, task.previous)
+    was_open = result.reason_kind == "open"
+    if status > result.status or (status != Status.TRACKED and was_open):
+        return replace(solved, result=replace(result, status=status, reason=reason))
+    return solved
+
+
+# ---- the other hand: a left and a right one, looked for at the same place, are told apart by how well they fit
+
+
+def other_side_log_odds(
+    model: ArticulatedModel,
+    other: ArticulatedModel,
+    settings: TrackerSettings,
+    observations: Iterable[tuple[Observation, Floats[P]]],
+    control: Control = Control(),
+) -> float:
+    """Return the log-odds that the hand is the other one; below 0, and looking ends, once this one
+    explains more.
+
+    The other hand is looked for around it; where it fits better, this one is looked for likewise,
+    so that a poor pose of the right hand does not speak against it.
+
+    Parameters
+    ----------
+    observations
+        What was seen of some frames, and this hand's pose there.
+    """
+    total = 0.0
+    for seen, params in observations:
+        objective = GlobalObjective.of(seen, settings, control)
+        if objective is None:
+            continue
+        ours = objective.standing(model, params, "tracked")
+        count = objective.independent_errors(ours)
+        objective = replace(objective, within=(palm_middle(model, params), _NEAR_M))
+        theirs = _candidates_of(other, objective, ours.cost)
+        least, best = _least_of_each(objective, [ours], theirs)
+        if best < least:
+            this = [ours, *_candidates_of(model, objective, best)]
+            least, best = _least_of_each(objective, this, theirs)
+        if control.should_stop():
+            return 0.0
+        if 0 < least < np.inf and 0 < best < np.inf:  # else nothing of it was seen
+            total += 0.5 * count * float(np.log(least / best))
+        if total < 0:
+            break
+    return total
+
+
+def _least_of_each(
+    objective: GlobalObjective, this: Sequence[Candidate], other: Sequence[Candidate]
+) -> tuple[float, float]:
+    """Return the least cost of this hand's poses and of the other's, by the same pixels."""
+    costs = [c.cost for c in objective.compared([*this, *other])]
+    return min(costs[: len(this)]), min(costs[len(this) :], default=np.inf)
+
+
+def _candidates_of(
+    hand: ArticulatedModel, objective: GlobalObjective, standing: float
+) -> list[Candidate]:
+    """Return poses at which a hand was found."""
+    objective, tried = replace(objective, shapes=hand_shapes(hand)), Tried()
+    found = run_rounds(OTHER_SIDE, objective, [], tried=tried)
+    best = min(found, key=lambda c: c.cost, default=None)
+    why = f"is it a {hand.side} hand?"
+    report(OTHER_SIDE, objective.control, objective.observation.frame, why, tried, best, standing)
+    return found

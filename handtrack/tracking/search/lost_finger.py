@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import islice, pairwise, product
+from itertools import islice, pairwise, product, takewhile
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.parallel import in_parallel
 from handtrack.sampling.suppression import apart
 from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.confidence import FEWEST_FRAMES, energy_ratio
 from handtrack.tracking.frame.constants import BODY_BY_HAND, SEARCH_EVERY
 from handtrack.tracking.frame.control import Control, Round, Search
 from handtrack.tracking.frame.descent import descend, stage_problem
@@ -20,11 +21,6 @@ from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, each, improved
-from handtrack.tracking.search.policy import (
-    SUSPICIOUS_FRAMES,
-    SUSPICIOUS_RATIO,
-    why_fingers_may_be_lost,
-)
 
 # Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
 _FLEX, _SPREAD, _CURL = (0.2, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8), (0.1, 0.4, 0.75)
@@ -35,6 +31,10 @@ _PLACES = 2  # of a finger that may be tried
 # of a body's limb, and times as many in all: of 20 made poses 13 were found, 9 as for fingers
 _LIMB_PLACES, _LIMBS_MOST = 6, 2
 _ELSEWHERE_M = 0.02  # between fingertips, or forearms' ends, and as much further as a body is larger: nearer places lead to the same
+SUSPICIOUS_RATIO = 1.4
+"""times the usual energy from which a finger may be lost"""
+SUSPICIOUS_FRAMES = FEWEST_FRAMES
+"""the first frames, in which nothing vouches for any pose"""
 
 
 @array_dataclass
@@ -117,6 +117,32 @@ SHIFTED_FINGERS = Search(
     measure="as for a lost finger",
     again="next frame",
 )
+
+
+def why_fingers_may_be_lost(
+    frame: int, energy: float, views: int, previous: Sequence[FrameResult]
+) -> str:
+    """Return why lost fingers are looked for in a frame; empty where they are not.
+
+    When it fits worse than usual, of several such frames in a row the first, second, fourth, eighth …, as for a lost hand; in one of the
+    first frames, which nothing vouches for; and every so many frames: a finger hidden in a fist may settle wrongly with the usual energy.
+    """
+    if frame % SEARCH_EVERY == SEARCH_EVERY - 1:
+        return f"every {SEARCH_EVERY}th frame"
+    if len(previous) < SUSPICIOUS_FRAMES:
+        return f"one of the first {SUSPICIOUS_FRAMES} frames"
+    ratio = energy_ratio(energy, views, previous)
+    if ratio <= SUSPICIOUS_RATIO:
+        return ""
+    suspicious = energy / max(views, 1) * SUSPICIOUS_RATIO / ratio
+    before = takewhile(lambda r: r.energy / max(r.views, 1) > suspicious, reversed(previous))
+    row = 1 + len(list(before))
+    return f"{ratio:.2f} times the usual cost, frame {row} of a row" if is_due(row) else ""
+
+
+def is_due(row: int) -> bool:
+    """Return whether a search is made in that frame of a row: the first, second, fourth, eighth …"""
+    return row & (row - 1) == 0
 
 
 def finger_search(

@@ -10,7 +10,7 @@ from handtrack import Session, evaluate, read_npz
 from handtrack.session import bundled
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.sources import video_audits
-from handtrack.tracking.search import initialize
+from handtrack.tracking.search import keypoint_start
 from handtrack_app.engine import opening
 from handtrack_app.engine.opening import nothing_observed
 from handtrack_app.process.child import EnginePlan
@@ -77,7 +77,7 @@ def test_the_preview_lays_the_hand_on_the_first_pose_without_a_fit(tmp_path, mon
     def fit(*_, **__):
         raise AssertionError("a fit")
 
-    monkeypatch.setattr(initialize, "solve", fit)
+    monkeypatch.setattr(keypoint_start, "solve", fit)
     folder = make_session(tmp_path)
     document = opening.preview(opening.opened(folder))
     model = document.model

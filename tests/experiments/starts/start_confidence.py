@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from handtrack import TrackerSettings, load_model
-from handtrack.tracking.search.auto_start import auto_start
+from handtrack.tracking.search.global_search import auto_start
 from handtrack.tracking.search.start_confidence import BASIN_M
 from tests.experiments.scenes.start_frames import KINDS, start_frame
 from tests.experiments.tracked_frames import mean_mm

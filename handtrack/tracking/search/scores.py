@@ -1,29 +1,341 @@
-"""Silhouettes as a search for the hand sees them: where a palm may be, how well a shape covers them, what pulls it."""
+"""What a search lays everywhere before it lets fingers move, and how well it fits: rigid hands in some postures; a frame's cloud and its
+silhouettes, each with where a palm may be, how well a shape laid there fits, and what pulls it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, M, N, P, R, array_dataclass
+from handtrack.arrays import (
+    D3,
+    D4,
+    Array,
+    Floats,
+    Ints,
+    K,
+    M,
+    N,
+    P,
+    R,
+    S,
+    V,
+    X,
+    Y,
+    Z,
+    array_dataclass,
+    contiguous,
+)
+from handtrack.capture.clouds.cloud_filters import thinned
 from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_vector
 from handtrack.geometry.triangulation import triangulated
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.pose_library import named_pose
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.part_mesh import PartMesh
+from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.observation.observation import UNKNOWN, Silhouette
+from handtrack.sampling.suppression import apart
+from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, visible_from
+from handtrack.terms.clouds.distance_map import DistanceMap, distance_map
+from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
 from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.search.scores.hand_shapes import (
-    PALM_DEEP_M,
-    PIECE_M,
-    HandShape,
-    group_middles,
-    palm_middle,
-)
-from handtrack.tracking.search.scores.score_kernels import silhouette_scores
+from handtrack.tracking.search.score_kernels import cloud_scores, silhouette_scores
+
+_POSTURES = ("open", "curl", "fist", "point")
+_WRIST_BENDS_DEG = (0.0, -40.0, 40.0)  # of a forearm in view
+_MIDDLE = 0.6  # of the way from the wrist to the middle knuckle: the palm's middle
+REACH_M = 0.14
+"""Around the palm's middle of a mean hand lies the whole hand, its fingers stretched, and some of the forearm."""
+PALM_DEEP_M = 0.014
+"""from the palm's skin to its middle"""
+PIECE_M = 0.03
+"""length of a phalanx, along which a model that is not this person's hand errs alike; it is half as broad"""
+_NODE_M = 0.006
+_POINT_M = 0.012
+_LEAST_BALL_M, _BALLS_COVER = 0.003, 1.5  # radii: a ball stands for those with their middle so near
+
+
+@array_dataclass
+class HandShape:
+    """A hand in one posture, in its own frame: the root at the origin, not turned."""
+
+    model: ArticulatedModel
+    posture: str
+    params: Floats[P]
+    """solver parameters"""
+    reach: float
+    """[m] around the palm's middle: points further away say nothing about this hand"""
+
+    @property
+    def is_typical(self) -> bool:
+        """Whether this is one of the few shapes that tell where a hand may be at all."""
+        model = self.model
+        joint = dict(zip(model.parameter_names, model.joint_params(self.params), strict=True))
+        return self.posture in ("open", "curl") and not joint.get("wrist_flex")
+
+    @cached_property
+    def middle(self) -> Floats[D3]:
+        """The palm's middle [m]."""
+        return palm_middle(self.model, self.params)
+
+    @cached_property
+    def mesh(self) -> PartMesh:
+        """The surface, each point on its bone."""
+        bones = self.model.bones(self.params)
+        return surface_mesh(MetaballSurface.of(self.model), bones, _POINT_M)
+
+    @cached_property
+    def samples(self) -> tuple[Floats[V, D3], Floats[V, D3], Array[V]]:
+        """Points evenly on the surface, within reach [m]; unit normals, outwards; and whether each is on the forearm, which a sleeve may hide
+        anywhere.
+        """
+        vertices, normals = self.mesh.carried(self.model.bones(self.params))
+        near = np.linalg.norm(vertices - self.middle, axis=1) < self.reach
+        points, outwards = contiguous(vertices[near], normals[near])
+        return points, outwards, self.model.is_forearm(self.mesh.bone[near])
+
+    @cached_property
+    def area(self) -> float:
+        """Of the surface around each of its points [m²]."""
+        vertices, _ = self.mesh.carried(self.model.bones(self.params))
+        corners = vertices[self.mesh.faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return 0.5 * float(np.linalg.norm(across, axis=1).sum()) / len(vertices)
+
+    @cached_property
+    def field(self) -> tuple[Array[X, Y, Z], Floats[D3], float]:
+        """Distance to the surface, inside and outside, float32, on a grid; its first node and spacing [m]."""
+        signed, nodes = self._signed
+        return np.abs(signed).astype(np.float32), nodes[0, 0, 0], _NODE_M
+
+    @cached_property
+    def spheres(self) -> Floats[K, D4]:
+        """Centres and radii of balls that fill the inside [m]."""
+        signed, nodes = self._signed
+        return _balls(nodes.reshape(-1, 3), -signed.ravel())
+
+    @property
+    def _signed(self) -> tuple[Floats[X, Y, Z], Floats[X, Y, Z, D3]]:
+        """Signed distances to the surface, and the nodes of a grid where they are."""
+        points, bones = self.samples[0], self.model.bones(self.params)
+        low, high = points.min(axis=0) - 0.03, points.max(axis=0) + 0.03
+        axes = [np.arange(low[i], high[i], _NODE_M) for i in range(3)]
+        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        signed = MetaballSurface.of(self.model).distance(bones, nodes.reshape(-1, 3))
+        return signed.reshape(*nodes.shape[:2], -1), nodes
+
+    def params_at(self, rotation: Floats[D3, D3], place: Floats[D3]) -> Floats[P]:
+        """Return solver parameters with this posture, turned by rotation, its palm's middle at place."""
+        joint = self.model.joint_params(self.params)
+        joint[3:6] = rotation_vector(rotation)
+        joint[:3] = place - rotation @ self.middle
+        return self.model.clipped(self.model.solver_params(joint))
+
+
+@lru_cache(maxsize=4)
+def hand_shapes(model: ArticulatedModel) -> tuple[HandShape, ...]:
+    """Return a shape for each posture, and with a forearm for each of some bends of the wrist."""
+    bends = _WRIST_BENDS_DEG if model.has_forearm else (0.0,)
+    shapes = []
+    for posture in _POSTURES:
+        joint = named_pose(model, posture)
+        for bend in bends:
+            if model.has_forearm:
+                joint[model.parameter_names.index("wrist_flex")] = np.deg2rad(bend)
+            shapes.append(shape_of(model, joint, posture))
+    return tuple(shapes)
+
+
+def group_middles(points: Floats[N, D3], apart_m: float, most: int | None = None) -> Floats[K, D3]:
+    """Return the means of groups of points that lie within `apart_m` of the group's first, the first points' groups first."""
+    chosen: list[Floats] = []
+    while len(points) and (most is None or len(chosen) < most):
+        near = np.linalg.norm(points - points[0], axis=1) < apart_m
+        chosen.append(points[near].mean(axis=0))
+        points = points[~near]
+    return np.array(chosen).reshape(-1, 3)
+
+
+def palm_middle(model: ArticulatedModel, params: Floats[P]) -> Floats[D3]:
+    """Return the palm's middle at solver parameters, world [m]."""
+    places = model.joint_positions(model.bones(params))
+    wrist, knuckle = (places[model.joint_names.index(n)] for n in ("wrist", "middle_mcp"))
+    return wrist + _MIDDLE * (knuckle - wrist)
+
+
+def shape_of(model: ArticulatedModel, joint: Floats[S], posture: str) -> HandShape:
+    """Return the shape of joint parameters, whatever their root; posture: what it is called."""
+    joint = joint.copy()
+    joint[:6] = 0.0
+    params = model.clipped(model.solver_params(joint))
+    return HandShape(model, posture, params, REACH_M * model.scale.overall)
+
+
+def _balls(nodes: Floats, depth: Floats) -> Floats:
+    """Return (K, 4) balls that fill the inside, the largest first; nodes (N, 3) at depth (N,) below the surface [m]."""
+    inside = depth > _LEAST_BALL_M
+    left, room = nodes[inside], depth[inside]
+    order = np.argsort(-room, kind="stable")
+    left, room = left[order], room[order]
+    rows = apart(
+        range(len(left)),
+        lambda a, rest: np.linalg.norm(left[rest] - left[a], axis=1) > _BALLS_COVER * room[a],
+    )
+    return np.array([[*left[n], room[n]] for n in rows])
+
+
+# ---- clouds
+
+_VOXEL_M = 0.008
+_MOST = 2000  # points; voxels grow until there are no more
+_CELLS_A_SIDE = 1.5  # a plane crosses about 1.5 voxels for each of its faces' area
+_MAP_M = 0.005
+_CLOUD_PLACE_M = 0.028  # between places where a palm may be
+_MOST_CLOUD_PLACES = 60
+_CLOUD_SIGMA_BANDS, _ROBUST_SIGMAS = 0.5, 5.0  # of errors, in bands; how many sigmas pull
+_FEWEST = 60
+
+
+@array_dataclass
+class CloudScore:
+    """One frame's cloud, thinned; made by `cloud_score`."""
+
+    points: Floats[N, D3]
+    """world [m]"""
+    area: float
+    """of the surface around each point [m²]"""
+    distances: DistanceMap
+    views: tuple[Floats[K, D3], ...]
+    """camera centres, world [m], that must all see a point to measure it"""
+
+    @cached_property
+    def _nodes(self) -> Floats:
+        return self.distances.at_nodes()
+
+    @cached_property
+    def _view_directions(self) -> tuple[Floats, Ints]:
+        middle = np.median(self.points, axis=0)
+        rays = [np.atleast_2d(view) - middle for view in self.views]
+        rays = [way / np.linalg.norm(way, axis=1, keepdims=True) for way in rays]
+        start = np.cumsum([0, *map(len, rays)]).astype(np.int64)
+        return np.concatenate([*rays, np.zeros((0, 3))]), start
+
+    @cached_property
+    def places(self) -> Floats[M, D3]:
+        """Where a palm's middle may be, world [m]: all over the cloud, the nearest to the cameras first."""
+        directions = self._view_directions[0]
+        away = -directions.mean(axis=0) if len(directions) else np.zeros(3)
+        near = self.points @ away
+        order = np.argsort(near, kind="stable")
+        chosen = group_middles(self.points[order], _CLOUD_PLACE_M, _MOST_CLOUD_PLACES)
+        return chosen + PALM_DEEP_M * away
+
+    def scores(
+        self,
+        shape: HandShape,
+        rotations: Floats[R, D3, D3],
+        places: Floats[M, D3],
+        enough: float = 1.0,
+    ) -> Floats[R, M]:
+        """Return the share of area on which shape and cloud disagree, by rotation and place."""
+        points, normals, is_arm = shape.samples
+        hand = ~is_arm  # asked for nowhere; where the forearm is seen, `field` explains it
+        return cloud_scores(
+            (self.points, self.area),
+            (self._nodes, self.distances.low, self.distances.spacing),
+            self._view_directions,
+            (np.ascontiguousarray(rotations), np.ascontiguousarray(places)),
+            (points[hand], normals[hand], shape.area, shape.middle, shape.reach),
+            shape.field,
+        )
+
+    def terms(
+        self,
+        shape: HandShape,
+        model: ArticulatedModel,
+        params: Floats[P],
+        band_m: float,
+        unbiased: bool,
+        palms: Floats[M, D3] | None,
+    ) -> list[ObservationTerm]:
+        """Return E1 and E2 around a pose of the shape's model, or of that without an arm, with arms as long as band_m: coarse,
+        but quick.
+
+        Parameters
+        ----------
+        unbiased
+            As always; distances have no outer side that reaches further than the inner.
+        """
+        middle = palm_middle(model, params)
+        around = middle[None] if palms is None else palms
+        away = np.linalg.norm(self.points[:, None] - around, axis=2).min(axis=1)
+        near = away < shape.reach
+        sigma = _CLOUD_SIGMA_BANDS * band_m
+        terms: list[ObservationTerm] = []
+        if near.sum() >= _FEWEST // 3:
+            cloud = prepare_cloud(self.points[near])
+            terms.append(
+                CloudDistanceTerm(
+                    cloud, MetaballSurface.of(model), sigma, geman_mcclure(_ROBUST_SIGMAS)
+                )
+            )
+        vertices, normals = shape.mesh.carried(model.bones(params))
+        seen = np.linalg.norm(vertices - middle, axis=1) < shape.reach
+        seen &= visible_from(vertices, normals, self.views) & ~model.is_forearm(shape.mesh.bone)
+        terms.append(
+            CloudEmptinessTerm(
+                self.distances,
+                shape.mesh.bone[seen],
+                np.ascontiguousarray(shape.mesh.local[seen]),
+                sigma,
+                slack_m=0.5 * _VOXEL_M,
+                loss=geman_mcclure(_ROBUST_SIGMAS),
+                weight=shape.area / self.area,
+            )
+        )
+        return terms
+
+    def pieces(self, shape: HandShape, params: Floats[P]) -> float:
+        """Return how many pieces of a hand are seen about a pose."""
+        middle = palm_middle(shape.model, params)
+        near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
+        return float(near.sum() * self.area / (0.5 * PIECE_M**2))
+
+
+def cloud_score(
+    points: Floats[N, D3], views: tuple[Floats[K, D3], ...], seed: int = 0
+) -> CloudScore | None:
+    """Return a cloud, world [m], made ready for the search; None where it is too small for a hand.
+
+    Parameters
+    ----------
+    seed
+        Decides which of a cell's points stands for it.
+    """
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        return None
+    voxel = _VOXEL_M
+    kept = points[thinned(points, voxel, seed=seed)]
+    while len(kept) > _MOST:
+        voxel *= 1.2
+        kept = points[thinned(points, voxel, seed=seed)]
+    if len(kept) < _FEWEST:
+        return None
+    low, high = kept.min(axis=0) - REACH_M, kept.max(axis=0) + REACH_M
+    distances = distance_map(points, low, high, max(_MAP_M, 0.6 * voxel), most_voxels=1_500_000)
+    return CloudScore(np.ascontiguousarray(kept), voxel**2 / _CELLS_A_SIDE, distances, views)
+
+
+# ---- silhouettes
 
 _REACH_M = 0.4  # of the box around where the lines of sight meet: a hand and some arm
 _SIDE_M = 0.01  # of a cell; twice that in the coarse grid, whose cells are halved
