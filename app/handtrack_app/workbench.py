@@ -21,8 +21,8 @@ from handtrack_app.access.web_server import WebServer, show_in_browser, start_we
 from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.layout import PageLayout
 from handtrack_app.page.page import Page, UserState
-from handtrack_app.page.player import Drawn, InFlight, Player
 from handtrack_app.page.scene.stage import Stage
+from handtrack_app.page.timeline import Drawn, InFlight, Player
 from handtrack_app.process.child import EngineChild, EnginePlan
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.protocol import snapshots

@@ -8,10 +8,8 @@ import pytest
 from handtrack import Session, bundled_session
 from handtrack.session.bundled import bundled_names
 from handtrack_app.access.web_server import LARGEST_FILE
-from handtrack_app.start.import_progress import ImportProgress
-from handtrack_app.start.input_files import find_files
 from handtrack_app.start.recent import recent_sessions, remember
-from handtrack_app.start.start_page import StartPage
+from handtrack_app.start.start_page import ImportProgress, StartPage, find_files
 from tests.app.access.test_messages import begins, part
 from tests.app.commands.test_new_joints import project
 from tests.app.waiting import eventually

@@ -7,7 +7,7 @@ import numpy as np
 from handtrack.geometry.rotation import looking_along, quaternion_wxyz
 from handtrack_app.page.page import Client
 from handtrack_app.page.scene.looking import CameraView
-from handtrack_app.page.scene.zoom import fov_of
+from handtrack_app.page.scene.viewpoint import fov_of
 from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
 from tests.experiments.workbench.wire import WireClient

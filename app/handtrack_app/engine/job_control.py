@@ -43,7 +43,7 @@ from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.frame.result import FrameHead, FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.compile_watch import CompileWatch
-from handtrack_app.engine.document import Document
+from handtrack_app.engine.document import Document, moved_mm
 from handtrack_app.engine.document_snapshots import timeline_change
 from handtrack_app.engine.jobs import BackgroundJob, Work
 from handtrack_app.engine.live_control import LiveControl
@@ -51,7 +51,6 @@ from handtrack_app.engine.opening import nothing_observed
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import FIXED
-from handtrack_app.engine.tracked_rows import moved_mm
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
     Guess,

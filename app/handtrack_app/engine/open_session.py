@@ -29,7 +29,7 @@ from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.posing_service import LiveScore, PosingService
 from handtrack_app.engine.review_service import ReviewService
 from handtrack_app.engine.service import RenderThread
-from handtrack_app.engine.store import edits, saving
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence, export_beside
 from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.process.child import EnginePlan
@@ -236,12 +236,12 @@ class OpenSession:
         if warning:
             self._notify("warning", "Not saved yet", warning)
         else:
-            self._notify("done", "First-frame pose saved", saving.save_first_pose(self.store))
+            self._notify("done", "First-frame pose saved", self.store.save_first_pose())
 
     @Command(edits=True, files=True)
     def save_track(self) -> None:
         """Write tracks/poses.npz."""
-        self._notify("done", "Track saved", saving.save_track(self.store))
+        self._notify("done", "Track saved", self.store.save_track())
 
     @Command(job=True)
     def export(self, kind: str, client_id: int, up: str = "") -> None:

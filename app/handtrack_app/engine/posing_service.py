@@ -29,11 +29,10 @@ from handtrack.store.history import History, merged
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.pulling import pulled
-from handtrack_app.engine.document import Document, pinning
+from handtrack_app.engine.document import Document, cost_parts, pinning
 from handtrack_app.engine.inverse_kinematics import reach
 from handtrack_app.engine.job_control import drags, stops_following
 from handtrack_app.engine.service import Service
-from handtrack_app.engine.tracked_rows import cost_parts
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import Hold, Notice, ScoreSnapshot, Snapshot
 

@@ -13,7 +13,7 @@ from handtrack.session.session_state import Edit, decide
 from handtrack.tracking.pulling import fitted_again
 from handtrack_app.engine.posing_service import set_pose
 from handtrack_app.engine.service import NewestFirst, Service
-from handtrack_app.engine.store import edits, saving
+from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import FileKind, Notice
 
@@ -35,7 +35,7 @@ class TuningService(Service):
     @Command(edits=True, files=True, tunes=True)
     def save_to_file(self, kind: FileKind) -> None:
         """Write what session.toml does not have of a kind into it."""
-        self.publish(Notice("done", "Settings saved", saving.save(self.store, kind)))
+        self.publish(Notice("done", "Settings saved", self.store.save_settings(kind)))
 
     @Command(edits=True, tunes=True)
     def restore_from_file(self, kind: FileKind) -> None:

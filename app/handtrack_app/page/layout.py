@@ -18,10 +18,9 @@ from handtrack_app.page.page import DONE, GUIDE, INFO, Page, Part, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.export import ExportPanel
 from handtrack_app.page.panels.masks import MaskPanel
-from handtrack_app.page.panels.plots import PlotsPanel
 from handtrack_app.page.panels.pose import PosePanel, certainty_table
 from handtrack_app.page.panels.pose_words import group_of
-from handtrack_app.page.panels.review import NextStep, ReviewPanel
+from handtrack_app.page.panels.review import NextStep, PlotsPanel, ReviewPanel
 from handtrack_app.page.panels.settings import LimitsPanel, RefitSwitch, SettingsPanel
 from handtrack_app.page.panels.tracking import LivePanel, TakesPanel, TrackingPanel
 from handtrack_app.page.panels.view import (
@@ -32,9 +31,9 @@ from handtrack_app.page.panels.view import (
     head,
     leave_button,
 )
-from handtrack_app.page.scene.handles import GrabKeys
+from handtrack_app.page.scene.grips import GrabKeys
 from handtrack_app.page.scene.stage import Stage
-from handtrack_app.page.time.timeline import TimelinePanel
+from handtrack_app.page.timeline import TimelinePanel
 from handtrack_app.protocol.palette import ASIDE
 from handtrack_app.protocol.snapshots import (
     CloseSnapshot,

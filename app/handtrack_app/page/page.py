@@ -24,7 +24,7 @@ from handtrack_app.protocol.snapshots import (
 )
 
 if TYPE_CHECKING:
-    from handtrack_app.page.pins.grips import Drag
+    from handtrack_app.page.scene.grips import Drag
     from handtrack_app.page.scene.looking import CameraView, Pointed, Screen
     from handtrack_app.viser_internals import GuiModalHandle, HotkeyKey, KeyModifier
 

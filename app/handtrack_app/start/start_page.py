@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import html
 import logging
+import os
+import re
+import signal
+import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import cv2
+import numpy as np
 import viser
 
-from handtrack.arrays import D3, Bytes, H, W
+from handtrack.arrays import D2, D3, Bytes, Floats, H, N, W
+from handtrack.capture.calibration.formats.imported_rig import ImportedRig
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.joints.pose2sim import is_pose2sim
+from handtrack.capture.calibration.formats.resolve import named
+from handtrack.capture.joints.pose2sim import is_pose2sim, read_pose2sim
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_names, bundled_session
@@ -35,19 +44,6 @@ from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.html import card, dress, escaped, picture, pictures, table, text
 from handtrack_app.page.page import put
 from handtrack_app.page.panels.view import colours, welcome
-from handtrack_app.start.import_progress import (
-    ImportProgress,
-    Program,
-    detected_joints,
-    small_picture,
-)
-from handtrack_app.start.input_files import (
-    CALIBRATIONS,
-    VIDEOS,
-    InputFiles,
-    check_folder,
-    find_files,
-)
 from handtrack_app.start.recent import recent_sessions
 from handtrack_app.viser_internals import id_of, run_javascript
 
@@ -493,3 +489,206 @@ def choose_recording(
         return None
     finally:
         page.stop()
+
+
+# ---- What a folder holds of which a session can be made: videos, and a calibration that names their cameras
+
+
+VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
+CALIBRATIONS = (".toml", ".yaml", ".yml", ".json", ".xml", ".npz", ".mat")
+_MOST = 2000
+"""files looked at"""
+
+
+@dataclass(frozen=True)
+class InputFiles:
+    """Videos by camera, and the calibration."""
+
+    videos: dict[str, Path]
+    calibrations: tuple[Path, ...]
+    """one file of all cameras, or one a camera"""
+    given: ImportedRig | None
+    """its cameras, in its own unit"""
+    unused: tuple[Path, ...]
+    """videos of no camera"""
+    project: Path | None = None
+    """the folder, where it is a Pose2Sim project: `new` finds videos and 2D joints in it"""
+
+
+def check_folder(folder: Path) -> None:
+    """Raise HandtrackError for what is no folder."""
+    if not folder.is_dir():
+        raise HandtrackError(
+            f"{folder}: no such folder. Give the folder with your cameras' videos, as a path on the machine that handtrack runs on."
+        )
+
+
+def find_files(folder: Path, calibrations: Sequence[Path] = ()) -> InputFiles:
+    """Look into a folder, and the folders in it, for a recording. calibrations: if they lie elsewhere.
+
+    Raises HandtrackError for what is no folder, has no video, and for a calibration that is none.
+    """
+    if is_pose2sim(folder):
+        return _project(folder, next(iter(calibrations), None))
+    check_folder(folder)
+    files = sorted(
+        path for path in [*folder.glob("*"), *folder.glob("*/*")][:_MOST] if path.is_file()
+    )
+    videos = [path for path in files if path.suffix.lower() in VIDEOS]
+    if not videos:
+        raise HandtrackError(f"{folder}: no video in it ({', '.join(VIDEOS)}).")
+    given: ImportedRig | None = None
+    if calibrations:
+        given = read_calibration(calibrations)
+    else:
+        calibrations, given = _calibrated([p for p in files if p.suffix.lower() in CALIBRATIONS])
+    cameras = () if given is None else given.cameras
+    by_camera = _matched(videos, [camera.name for camera in cameras if camera.name is not None])
+    unused = tuple(path for path in videos if path not in by_camera.values())
+    return InputFiles(by_camera, tuple(calibrations), given, unused)
+
+
+def _calibrated(files: Sequence[Path]) -> tuple[tuple[Path, ...], ImportedRig | None]:
+    """Return the first file that has several cameras; else all that have one each, together. Raises HandtrackError for several that are no rig."""
+    alone: dict[Path, ImportedRig] = {}
+    for path in files:
+        try:
+            rig = read_calibration([path])
+        except HandtrackError:
+            continue
+        if len(rig.cameras) > 1:
+            return (path,), rig
+        alone[path] = rig
+    if len(alone) > 1:
+        return tuple(alone), read_calibration(list(alone))
+    return tuple(alone), next(iter(alone.values()), None)
+
+
+def _project(folder: Path, calibration: Path | None) -> InputFiles:
+    project = read_pose2sim(folder, calibration)
+    cameras = list(project.keypoints)
+    given, _ = named(read_calibration([project.calibration]), cameras, str(project.calibration))
+    return InputFiles(dict(project.videos), (project.calibration,), given, (), folder)
+
+
+def _matched(videos: list[Path], names: list[str]) -> dict[str, Path]:
+    """Return videos by camera: those whose names hold a camera's, else all by their own names, which `new` compares."""
+    files: dict[str, Path] = {}
+    for name in sorted(names, key=len, reverse=True):  # cam10 before cam1
+        like = [p for p in videos if p not in files.values() and name.lower() in p.stem.lower()]
+        like = like or [
+            p for p in videos if p not in files.values() and name.lower() == p.parent.name.lower()
+        ]
+        if len(like) == 1:
+            files[name] = like[0]
+    return {n: files[n] for n in names if n in files} or {path.stem: path for path in videos}
+
+
+# ---- How far an import is: what its command prints, as steps with a bar and the time that is left; and what it has found so far
+
+
+_BAR = re.compile(r"^\w+:\s+(\d+)%\|.*?[\d:]+<([\d:]+|\?)")
+"""of tqdm: what is done, how much of it, and the time that is left"""
+_STEPS = {"looking for the first pose": "Find first pose", "detecting": "Detect joints", "sizing": "Fit size", "tracking": "Track", "refining": "Refine"}  # fmt: skip
+_IMPORT = "Import files"
+_LINES = 8
+_HIGH = 240  # [px] of a small picture
+_JOINT = (0, 159, 230)  # BGR
+
+
+@dataclass
+class ImportProgress:
+    """What a command said so far."""
+
+    title: str
+    step: str = _IMPORT
+    share: float | None = None
+    """of the step; None: not known"""
+    left: str = ""
+    """minutes and seconds until the step is done"""
+    lines: list[str] = field(default_factory=list)
+    _done: list[str] = field(default_factory=list)
+
+    def hear(self, line: str) -> bool:
+        """Take a line; return whether another step began."""
+        bar = _BAR.match(line)
+        if bar is None and not line.startswith("stopping"):
+            self.lines = [*self.lines[1 - _LINES :], line]
+        step = next((step for word, step in _STEPS.items() if line.startswith(word)), self.step)
+        began = step != self.step
+        if began:
+            self._done = [*self._done, self.step]
+            self.step, self.share, self.left = step, None, ""
+        if bar is not None:
+            self.share, self.left = int(bar[1]) / 100, bar[2].strip("?")
+        return began
+
+    def words(self) -> str:
+        """Return the steps and the newest lines as HTML."""
+        steps = "".join(
+            f"<div>✓ {step}</div>" for step in dict.fromkeys(self._done) if step != self.step
+        )
+        now = "" if self.share is None else f" · {100 * self.share:.0f} %"
+        now += f" · {self.left} left" if self.left else ""
+        steps += f"<div><b>▸ {self.step}</b>{now}</div>"
+        lines = "".join(f"<div>{html.escape(line)}</div>" for line in self.lines)
+        return text(f"<b>{html.escape(self.title)}</b>{steps}", faint=False) + text(lines)
+
+
+def detected_joints(folder: Path) -> dict[str, Bytes[H, W, D3]]:
+    """Return a small picture BGR of each camera of a session, with the joints that were detected in it. Raises HandtrackError."""
+    session = Session.open(folder)
+    middle = session.frame_range[session.frame_count // 2]
+    return {
+        view.name: small_picture(image, [joints.pixels for joints in view.keypoints(middle, 1.0)])
+        for view in session.views
+        if (image := view.image(middle)) is not None
+    }
+
+
+def small_picture(image: Bytes[H, W, D3], joints: Iterable[Floats[N, D2]] = ()) -> Bytes[H, W, D3]:
+    """Return an image small, with joints [px] as points."""
+    scale = _HIGH / image.shape[0]
+    size = (round(image.shape[1] * scale), _HIGH)
+    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    for x, y in (scale * row for hand in joints for row in hand[np.isfinite(hand).all(axis=1)]):
+        cv2.circle(small, (round(x), round(y)), 2, _JOINT, -1, cv2.LINE_AA)
+    return small
+
+
+# ---- A command of handtrack as a program of its own, read line by line: what it says is shown as it comes
+
+
+_ITSELF = "import sys; from handtrack_app.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+class Program:
+    """A running command."""
+
+    def __init__(
+        self,
+        args: Sequence[str],
+        report: Callable[[str], None],
+        end: Callable[[int], None],
+    ) -> None:
+        """Start it. tell: is called with each line, end: with the exit code, both on a thread of its own."""
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _ITSELF, *args],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            encoding="utf-8", errors="replace", env=environment, process_group=0 if os.name == "posix" else None,
+        )  # fmt: skip
+        threading.Thread(target=self._read, args=(report, end), daemon=True).start()
+
+    def cancel(self) -> None:
+        """Interrupt it, as Ctrl-C does: it ends cleanly."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+
+    def _read(self, report: Callable[[str], None], end: Callable[[int], None]) -> None:
+        assert self._process.stdout is not None
+        with self._process:
+            for line in self._process.stdout:
+                if line.strip():
+                    report(line.strip())
+        end(self._process.returncode)

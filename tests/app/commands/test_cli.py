@@ -40,7 +40,7 @@ def test_a_mistake_of_ours_is_told_as_one(handtrack, monkeypatch, session):
     def fail(*_):
         raise ZeroDivisionError("by zero")
 
-    monkeypatch.setattr("handtrack_app.commands.doctor.Session.open", fail)
+    monkeypatch.setattr("handtrack_app.commands.checks.Session.open", fail)
     ended = handtrack("doctor", session)
     assert ended.code == 1
     log = Path(ended.err.rsplit(" ", 1)[1].strip().rstrip("."))

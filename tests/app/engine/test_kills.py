@@ -17,7 +17,6 @@ from handtrack.store.history import History
 from handtrack.store.store import Store
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.posing_service import set_pose
-from handtrack_app.engine.store import saving
 from tests.app.fake_run import FRAMES
 from tests.app.opened import opened
 from tests.killing import KILLS, forked, killed
@@ -126,7 +125,7 @@ class Session:
             store.end_take(finished=done == len(frames))
 
     def save(self):
-        saving.save_track(self.store)
+        self.store.save_track()
 
     def again(self):
         with suppress(HandtrackError):  # what could not be written was never told to be saved

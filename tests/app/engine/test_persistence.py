@@ -16,7 +16,6 @@ from handtrack.store.log import LogWriter
 from handtrack.store.store import Span
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.posing_service import pose_before
-from handtrack_app.engine.store import saving
 from handtrack_app.engine.store.persistence import export_beside
 from handtrack_app.protocol import snapshots
 from tests.app.desk import working
@@ -113,7 +112,7 @@ def test_killed_at_any_write_a_step_and_its_files_are_both_there_or_neither(tmp_
                 counted = lambda *given, go=really, left=left: (next(left), go(*given))[1]  # noqa: E731
                 patch.setattr(place, name, counted)
             did(store, edit)
-            saving.save_track(store)
+            store.save_track()
             ends = True
         again = opened(folder)
         assert len(again.store.takes()) == 1, "a track that was saved is no other take"

@@ -12,7 +12,7 @@ from handtrack.model.model_file import read_scale
 from handtrack.session.first_pose.first_pose import read_first_pose
 from handtrack.session.session_file import read_session_file
 from handtrack.session.session_state import decide
-from handtrack_app.engine.store import edits, saving
+from handtrack_app.engine.store import edits
 from tests.app.cloudy_session import cloudy_session
 from tests.app.opened import did, opened, opened_recording
 from tests.app.waiting import eventually
@@ -44,8 +44,8 @@ def test_while_tracking_runs_nothing_is_saved(bench):
 
 def test_the_file_before_is_kept_and_the_journal_gives_way(store):
     path = store.folder / "session.toml"
-    saving.save(store, "setting")
-    saving.save(store, "setting")  # which has them already
+    store.save_settings("setting")
+    store.save_settings("setting")  # which has them already
     (kept,) = versions(path)
     assert kept.read_text() == TEXT
     again = opened(store.folder)  # what stands in session.toml may be edited there from now on
@@ -62,7 +62,7 @@ def test_a_file_that_cannot_be_changed_is_left_alone_and_nothing_is_lost(store, 
         locked = PermissionError(13, "Permission denied", str(path))
         monkeypatch.setattr(toml_edit, "replace_text", Mock(side_effect=locked))
     with pytest.raises(HandtrackError):
-        saving.save(store, "setting")
+        store.save_settings("setting")
     assert (path.read_text() if path.exists() else None) == text
     again = opened(store.folder)
     assert again.document.run.settings.solver.iterations == 7
@@ -76,7 +76,7 @@ def test_the_fitted_size_is_kept_and_one_that_was_given_stays_as_it_is_written(t
     store = opened(tmp_path)
     did(store, edits.size(size))
     for _ in range(2):
-        saving.save_first_pose(store)
+        store.save_first_pose()
     assert read_session_file(path).hand.scale == "hand.json"
     assert read_scale(tmp_path / "hand.json") == size
     assert read_first_pose(tmp_path / "init.json").frame == store.document.frame
@@ -85,7 +85,7 @@ def test_the_fitted_size_is_kept_and_one_that_was_given_stays_as_it_is_written(t
     assert len(versions(tmp_path / "init.json")) == 1
     (tmp_path / "hand.json").unlink()
     path.write_text("[hand]\nscale = 1.05\n")
-    saving.save_first_pose(store)
+    store.save_first_pose()
     assert path.read_text() == "[hand]\nscale = 1.05\n"
     assert not (tmp_path / "hand.json").exists()
 
@@ -101,7 +101,7 @@ def test_clouds_are_saved_key_by_key(tmp_path):
     skin = SkinEllipse((0.4, 0.3), (0.001, 0.0, 0.002), 3.0)
     changed = document.clouds.with_values({"voxel_m": None, "skin": skin, "near_m": False})
     did(store, decide(clouds=changed.table))
-    saving.save(store, "clouds")
+    store.save_settings("clouds")
     expected = document.clouds.with_values({"per_voxel": 3})
     assert read_session_file(path).clouds == expected
     assert "voxel_m" not in path.read_text()

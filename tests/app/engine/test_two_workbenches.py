@@ -6,7 +6,6 @@ from functools import partial
 import pytest
 
 from handtrack import HandtrackError
-from handtrack_app.engine.store import saving
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.command_line import listing
 from tests.app.fake_run import fake_document
@@ -21,9 +20,13 @@ def test_a2_c43_the_second_sees_all_and_writes_nothing_until_it_takes_over(tmp_p
     assert sorted(second.document.by_hand) == [5]
     before = listing(tmp_path)
     posed(second, 7)
-    for save in (saving.save_first_pose, partial(saving.save, kind="setting"), saving.save_track):
+    for save in (
+        second.save_first_pose,
+        partial(second.save_settings, "setting"),
+        second.save_track,
+    ):
         with pytest.raises(HandtrackError):
-            save(second)
+            save()
     second.close()
     assert listing(tmp_path) == before
     third = Persistence.open(fake_document(tmp_path), take_over=True)

@@ -14,7 +14,7 @@ from handtrack_app.engine.store import persistence
 from handtrack_app.page.panels.export import card_words
 from handtrack_app.page.panels.view import WIDTH
 from handtrack_app.page.scene.model_view import hand_balls
-from handtrack_app.page.scene.zoom import Zoom, fov_of
+from handtrack_app.page.scene.viewpoint import Zoom, fov_of
 from tests.app.desk import in_threads
 from tests.app.fake_run import FRAMES, SPOT, fake_document
 from tests.app.page.test_review_panel import _tracked

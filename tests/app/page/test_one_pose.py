@@ -13,7 +13,7 @@ from viser._messages import LocalStorageGetItemRequestMessage
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures
 from handtrack_app.page.panels.pose import unit_of
 from handtrack_app.page.scene import camera_view
-from handtrack_app.page.time.lanes import cursor_picture
+from handtrack_app.page.timeline import cursor_picture
 from handtrack_app.protocol import snapshots
 from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from handtrack_app.page.page import UserState
-from handtrack_app.page.player import Player
+from handtrack_app.page.timeline import Player
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 

@@ -9,7 +9,7 @@ from handtrack import load_model
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.engine import tuning_service
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
-from handtrack_app.page.pins.grips import WholeDrag, hold_at
+from handtrack_app.page.scene.grips import WholeDrag, hold_at
 from handtrack_app.protocol import snapshots
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually

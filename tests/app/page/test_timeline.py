@@ -12,10 +12,10 @@ from handtrack.store.take import TakeFrames
 from handtrack_app.engine.document_snapshots import timeline_change, timeline_snapshot
 from handtrack_app.engine.posing_service import LiveScore
 from handtrack_app.engine.posing_service import pose as pose_edit
-from handtrack_app.page.panels.plots import plot_data
 from handtrack_app.page.panels.pose import ink_on
+from handtrack_app.page.panels.review import plot_data
 from handtrack_app.page.panels.tracking import nearest_posed
-from handtrack_app.page.time.lanes import Window, lanes_of, lanes_picture
+from handtrack_app.page.timeline import Window, lanes_of, lanes_picture
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.palette import STATUS
 from handtrack_app.protocol.snapshots import COST, ERROR, TERM, Curve, CurvesSnapshot, ScoreSnapshot

@@ -17,7 +17,7 @@ from handtrack_app.page.scene import looking, stage
 from handtrack_app.page.scene import viewpoint as vp
 from handtrack_app.page.scene.looking import CLOSE, plane_of
 from handtrack_app.page.scene.model_view import ball, capsule, rod
-from handtrack_app.page.scene.zoom import (
+from handtrack_app.page.scene.viewpoint import (
     MOST,
     Zoom,
     around,

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from handtrack_app.rerun.stream import (
+from handtrack_app.rerun.recorder import (
     RerunViewer,
     silent_environment,
 )

@@ -19,7 +19,7 @@ from handtrack.arrays import D2, D3, Floats
 from handtrack.bench.measuring import data_folder
 from handtrack.geometry.camera import Camera
 from handtrack.session.session import Session
-from handtrack_app.page.pins.grips import hold_at, place_of
+from handtrack_app.page.scene.grips import hold_at, place_of
 from handtrack_app.protocol.snapshots import (
     GuessesSnapshot,
     Hold,

@@ -18,18 +18,24 @@ from pathlib import Path
 from typing import Any, get_args
 
 from handtrack.arrays import Floats, P
+from handtrack.capture.masks.segmentation import METHODS
 from handtrack.errors import HandtrackError
 from handtrack.export.registry import ExportFormat, export_format
 from handtrack.export.table import ResultsTable
-from handtrack.files.atomic import remove_abandoned
+from handtrack.files.atomic import keep_version, remove_abandoned, replacing
+from handtrack.files.toml_edit import edit_toml
+from handtrack.files.toml_table import read_toml
 from handtrack.model.articulated import HandScale
-from handtrack.session.formats.tables import read_npz
-from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
+from handtrack.model.model_file import write_scale
+from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
+from handtrack.session.formats.tables import read_npz, write_npz
+from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.session_state import (
     Correction,
     DecidedSize,
     Edit,
     Key,
+    MaskSource,
     SessionState,
     decide,
     in_turn,
@@ -38,7 +44,13 @@ from handtrack.session.session_state import (
     readable,
     written,
 )
-from handtrack.session.takes import foreign_takes, import_track, refined_by, versions_in_use
+from handtrack.session.takes import (
+    file_digest,
+    foreign_takes,
+    import_track,
+    refined_by,
+    versions_in_use,
+)
 from handtrack.session.track_session import keyframe_result
 from handtrack.store.history import DO, NOTE, Action, Change, History, Kind, Span, merged
 from handtrack.store.lease import LeaseTaken, was_left
@@ -46,7 +58,7 @@ from handtrack.store.store import Store, WritableStore, resolved
 from handtrack.store.take import TakeAbout, TakeFrames, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.document import Document, TakeCache, correction_of, pinning
+from handtrack_app.engine.document import Document, TakeCache, correction_of, pinning, usual_values
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.snapshots import Download, FileKind, Notice
 
@@ -112,6 +124,8 @@ log = logging.getLogger(__name__)
 
 _IN_FILES = ("correction", "pins")
 """what has files of its own, for others to read"""
+_SETTINGS = "a session's settings"
+_TABLES = {"setting": "tracking", "clouds": "clouds"}
 _UNWRITABLE = "nothing can be written there, so work on this session would be lost"
 _MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
 _QUIET_S = 0.4  # edits by hand are written when none came for this long
@@ -549,6 +563,84 @@ class Persistence:
     def _warn(self, text: str) -> None:
         self.warning = f"{self.warning} {text}".strip()
 
+    # ---- on request: what stands in the workbench goes into the session's own files, the one before kept
+
+    def save_first_pose(self) -> str:
+        """Write the pose shown to init.json; return a sentence about it."""
+        self.check()
+        document = self.document
+        values = {name: round(v, 6) for name, v in document.model.named(document.shown).items()}
+        path = self.folder / INIT_FILE
+        try:
+            said = self._keep_hand_size()
+            keep_version(path)
+            size = document.run.scale if document.size.pending else None
+            pose = FirstPose(document.frame, values, scale=size)
+            write_first_pose(path, pose)
+        except OSError as error:
+            raise HandtrackError(
+                f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
+            ) from None
+        document.start_from(pose)
+        return (
+            f"Tracking will start from frame {document.frame} with this pose ({path.name}).{said}"
+        )
+
+    def _keep_hand_size(self) -> str:
+        """A size that was fitted from the first pose of before belongs to it: it gets its own file."""
+        run, path = self.document.run, self.folder / SESSION_FILE
+        if self.document.size.pending or not path.is_file():
+            return ""
+        hand = read_toml(path, _SETTINGS).get("hand")
+        if not isinstance(hand, dict) or hand.get("scale") != "fit":
+            return ""
+        keep_version(self.folder / HAND_FILE)
+        write_scale(self.folder / HAND_FILE, run.scale)
+        edit_toml(path, {"hand.scale": HAND_FILE}, _SETTINGS)
+        return f" The fitted size is kept in {HAND_FILE}."
+
+    def save_settings(self, kind: FileKind) -> str:
+        """Write what was changed of a kind into session.toml, which says it from now on; return a sentence about it."""
+        self.check()
+        document = self.document
+        now, unsaved = document.settings, document.unsaved(kind)
+        if not unsaved:
+            return "session.toml has these settings already."
+        if kind == "masks":
+            what, changes = "Masks", dict[str, object]()
+            for number, camera in enumerate(document.session.file.cameras):
+                if (name := camera.name) in unsaved:
+                    saved = document.saved["masks"][name]
+                    changes |= _mask_changes(f"camera.{number}", now["masks"][name], saved)
+                    changes[f"camera.{number}.mask_unknown"] = camera.mask_unknown
+        else:
+            what, values = f"[{_TABLES[kind]}]", now[kind]
+            changes = {f"{_TABLES[kind]}.{name}": values.get(name) for name in unsaved}
+        kept = edit_toml(self.folder / SESSION_FILE, changes, _SETTINGS)
+        document.saved = {**document.saved, kind: now[kind]}
+        self.leave_to_the_file(kind)
+        self.flush()
+        return f"{what} of session.toml: {', '.join(unsaved)}.{kept}"
+
+    def save_track(self) -> str:
+        """Write tracks/poses.npz; return a sentence about it."""
+        self.check()
+        path = self.folder / POSES_FILE
+        track = whole_track(self.document)
+        try:
+            path.parent.mkdir(exist_ok=True)
+            previous = keep_version(path)
+            with replacing(path) as part:
+                write_npz(part, track)
+                if self.store is not None:  # known before it is there: else it would become a take
+                    self.store.know_file(file_digest(part))
+        except OSError as error:
+            raise HandtrackError(
+                f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
+            ) from None
+        kept = f" The one before is kept as {previous.name}." if previous is not None else ""
+        return f"{len(track)} frames are in {path}.{kept}"
+
     def close(self) -> None:
         """Write what waits, and let others write."""
         try:
@@ -556,6 +648,20 @@ class Persistence:
         finally:
             if self.store is not None:
                 self.store.close()
+
+
+def _mask_changes(place: str, now: MaskSource, saved: MaskSource) -> dict[str, object]:
+    """Return what is to be changed of a camera's table: of the same method only what differs."""
+    table, known = now.masks, saved.masks
+    changes: dict[str, object] = {f"{place}.roi": None if now.roi is None else list(now.roi)}
+    if not isinstance(table, dict):
+        return changes | {f"{place}.masks": table}
+    if isinstance(known, dict) and known["method"] == table["method"]:
+        differ = {key: value for key, value in table.items() if value != known[key]}
+        return changes | {f"{place}.masks.{key}": value for key, value in differ.items()}
+    usual = usual_values(METHODS[table["method"]])
+    said = {k: v for k, v in table.items() if k not in usual or v != usual[k]}
+    return changes | {f"{place}.masks": said}
 
 
 # ---- Tracks: all frames with poses set by hand as one; a track file where nothing can be written

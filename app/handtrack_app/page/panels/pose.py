@@ -23,7 +23,7 @@ from handtrack_app.page.panels.pose_words import (
     length_unit,
     unit_of,
 )
-from handtrack_app.page.pins.grips import Grips, near_joint_m
+from handtrack_app.page.scene.grips import Grips, near_joint_m
 from handtrack_app.protocol.palette import (
     ASIDE,
     FINGER_COLOURS,

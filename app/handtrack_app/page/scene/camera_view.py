@@ -13,8 +13,7 @@ from handtrack.arrays import D3, Bytes, Floats, H, N, W
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import Display, put
-from handtrack_app.page.scene.viewpoint import frustum_depth
-from handtrack_app.page.scene.zoom import ray_pixel, window_camera
+from handtrack_app.page.scene.viewpoint import frustum_depth, ray_pixel, window_camera
 from handtrack_app.protocol.palette import residual_colours
 from handtrack_app.protocol.snapshots import (
     CloudSnapshot,

@@ -21,17 +21,18 @@ from handtrack_app.page.html import bordered, pictures
 from handtrack_app.page.html import picture as as_html
 from handtrack_app.page.page import Client, Page, put
 from handtrack_app.page.scene.camera_view import Moments
-from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
-from handtrack_app.page.scene.zoom import (
+from handtrack_app.page.scene.viewpoint import (
     MOST,
     Box,
     Pixel,
+    Viewpoint,
     Zoom,
     around,
     box_of,
     enlarged,
     eye,
     fov_of,
+    look_from,
     ray_pixel,
     whole,
     with_pixel_at,

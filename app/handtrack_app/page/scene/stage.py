@@ -13,14 +13,13 @@ import viser
 from handtrack.arrays import Floats
 from handtrack.geometry.camera import Camera
 from handtrack_app.page.page import Client, Display, Page, put
-from handtrack_app.page.pins.grips import Grips
 from handtrack_app.page.scene.camera_view import (
     CameraRig,
     CloudView,
     Moments,
     pixel_box,
 )
-from handtrack_app.page.scene.handles import RootHandle
+from handtrack_app.page.scene.grips import Grips, RootHandle
 from handtrack_app.page.scene.looking import Looking, Pointed
 from handtrack_app.page.scene.model_view import (
     Ghosts,

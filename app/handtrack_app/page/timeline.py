@@ -1,18 +1,24 @@
-"""Lanes: the recording at a glance as one picture, which is sent once, and what is sent of it for a frame shown."""
+"""Timeline: the recording at a glance in lanes, with the frame slider over them; zoom, playback at the recording's pace."""
 
 from __future__ import annotations
 
 import html
 import math
+import threading
+import time
+from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import Array, Floats, Ints, N, runs
+from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import chip
+from handtrack_app.page.page import Page, Panel, UserState, put
 from handtrack_app.page.panels.pose import status_of
 from handtrack_app.protocol.palette import SEARCH_RESULT, STATUS, TERMS
 from handtrack_app.protocol.snapshots import (
@@ -25,6 +31,108 @@ from handtrack_app.protocol.snapshots import (
     PoseSnapshot,
     TimelineSnapshot,
 )
+
+_PLAY: tuple[str, ...] = ("⇤", "←", "▶", "→", "⇥")
+_ZOOM: tuple[str, ...] = ("+", "−", "↔", "☰")
+_SPEEDS = {"¼×": 0.25, "½×": 0.5, "1×": 1.0, "2×": 2.0}
+_FACTOR = 2.0
+
+
+@dataclass
+class TimelinePanel(Panel):
+    """Handles of the timeline. A click anywhere on the lanes goes there: the slider lies over them, and has their ends."""
+
+    every: bool = False
+    """all lanes, not only the first ones"""
+    moved: Callable[[], None] = lambda: None
+    """called when another part of the recording is shown"""
+    _lanes: list[Lane] = field(default_factory=list)
+    _pose: PoseSnapshot | None = None
+
+    def build(self) -> None:
+        page, gui = self.page, self.gui
+        self.window, self._frame = Window.whole(self.frames), page.state.session.first_frame
+        self.picture = gui.add_html("")
+        self.cursor = gui.add_html("")
+        self.slider = gui.add_slider("Frame", self.window.first, self.window.last, 1, self._frame)
+        self.play = page.buttons(
+            "Playback", _PLAY, self._pressed, "First frame, back, play or pause, next, last frame. Keys: Space, arrows.",
+        )  # fmt: skip
+        self.zoom = page.buttons(
+            "Timeline", _ZOOM, self.look_closer, "Fewer frames, more frames, all frames; more lanes or the first ones.",
+        )  # fmt: skip
+        self.speed = page.choice("Speed", _SPEEDS, partial(setattr, page.state, "speed"), now="1×")
+        page.on(self.slider, lambda _, frame: page.go_to(frame))
+        page.key("Timeline: fewer frames", "shift+F", partial(self.look_closer, _ZOOM[0]))
+        page.key("Timeline: more frames", "shift+G", partial(self.look_closer, _ZOOM[1]))
+
+    def _pressed(self, key: str) -> None:
+        page, state = self.page, self.state
+        targets = (state.strip.start, state.frame - 1, None, state.frame + 1, state.strip.stop - 1)
+        target = targets[_PLAY.index(key)]
+        page.play(target is None and not state.playing)
+        if target is not None:
+            page.go_to(target)
+
+    @property
+    def frames(self) -> range:
+        """Those of the recording."""
+        return range(self.state.strip.start, self.state.strip.stop)
+
+    def look_closer(self, how: str) -> None:
+        """Show fewer frames or more, all, or other lanes: a button's sign, of `_ZOOM`."""
+        if how == _ZOOM[3]:
+            self.every = not self.every
+            self._redraw()
+        elif how == _ZOOM[2]:
+            self.look_at(Window.whole(self.frames))
+        else:
+            factor = 1 / _FACTOR if how == _ZOOM[0] else _FACTOR
+            self.look_at(self.window.zoomed(factor, self.state.frame))
+
+    def look_at(self, window: Window) -> None:
+        """Show a part of the recording."""
+        if window != self.window:
+            self.window = window
+            self._redraw()
+            self.moved()
+
+    def show_frame(self, frame: int) -> None:
+        """Move slider and cursor to a frame; where it is beyond the part that is shown, that goes along."""
+        self._frame = frame
+        self.look_at(self.window.around(frame))
+        put(self.slider, max=max(self.slider.max, frame), value=frame)
+        self._show_numbers()
+
+    def show_pose(self, pose: PoseSnapshot) -> None:
+        """Stand at a pose, and show its own numbers."""
+        self._pose = pose
+        self.show_frame(pose.frame)
+
+    def show_timeline(self) -> None:
+        """Take the recording's new status and energies."""
+        if self.window.frames != self.frames:  # frames are counted, or come, while the page is open
+            self.window = Window.whole(self.frames)
+        self._redraw()
+
+    def _redraw(self) -> None:
+        """Send all lanes again."""
+        strip = self.state.strip
+        self._lanes = lanes_of(strip, self.window, self.every)
+        put(self.picture, content=lanes_picture(self._lanes, strip, self.window, self.every))
+        put(self.slider, min=self.window.first, max=self.window.last)
+        self._show_numbers()
+
+    def _show_numbers(self) -> None:
+        """Show the numbers of the frame: those of the pose shown, where it is of that frame."""
+        frame, pose = self._frame, self._pose
+        pose = pose if pose is not None and pose.frame == frame else None
+        row = self.frames.index(frame) if frame in self.frames else None
+        put(self.cursor, content=cursor_picture(self._lanes, row, pose))
+
+
+# ---- Lanes: the recording at a glance as one picture, which is sent once, and what is sent of it for a frame shown
+
 
 # ---- The part of the recording that the lanes show: where frames stand in it, zooming and paging
 
@@ -448,3 +556,153 @@ def _value_of(values: Floats[N], form: Callable[[float], str]) -> Callable[[int]
 
 def _number(value: float) -> str:
     return f"{value:.1f}" if abs(value) < 100 else f"{value:.0f}"
+
+
+# ---- Playback at the recording's pace
+
+
+_MOST = 2
+"""frames under way: one is made while one is drawn"""
+_QUESTION = "handtrack.drawn"
+_TIMES = 2
+"""the page answers as it takes what it is told; when it answers again, it has drawn that, and loaded the pictures"""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A page has drawn the frame that it was told last."""
+
+
+class InFlight:
+    """Frames that are played and that no page has drawn yet: a slow page gets fewer, each of them whole.
+
+    A page tells by answering a question that comes behind all that is of the frame: what its browser keeps under a name. The one that
+    answers first counts: another may lie in a hidden tab, where it draws nothing.
+    """
+
+    def __init__(self, page: Page, drawn: Callable[[Drawn], None]) -> None:
+        """drawn: is told when the page has drawn a frame."""
+        self._page, self._report = page, drawn
+        self._frames = deque[int]()
+        self._drawing: int | None = None
+        self._question, self._times = "", 0
+        """asked last, and how often for the frame; empty once it is answered"""
+        self._count = 0
+        self._lock = threading.Lock()
+        internals.on_storage(page.server, self._answered)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another frame may be asked for."""
+        return len(self._frames) < _MOST
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a page is there to see what is played."""
+        return bool(self._page.clients)
+
+    @property
+    def is_drawing(self) -> bool:
+        """Whether a frame was told and is not drawn yet: the next one waits for that."""
+        return self._drawing is not None
+
+    def begin(self, frame: int) -> None:
+        """A frame is asked for."""
+        with self._lock:
+            self._frames.append(frame)
+
+    def clear(self) -> None:
+        """Wait for none of them any more."""
+        with self._lock:
+            self._frames.clear()
+            self._drawing = None
+
+    def show(self, frame: int) -> None:
+        """All that is of a frame was told: ask the pages, behind it. Where there is none, nobody is waited for."""
+        if not self.is_watched:
+            self._drawn(frame)
+            return
+        with self._lock:
+            self._drawing = frame
+        self._ask(1)
+
+    def _ask(self, times: int) -> None:
+        with self._lock:
+            self._count += 1
+            question = f"drawn {self._count % 8}"  # viser keeps one of each for those who come
+            self._question, self._times = question, times
+        asked = internals.messages.LocalStorageGetItemRequestMessage(_QUESTION, question)
+        internals.send(self._page.server, asked)
+
+    def _answered(self, question: str) -> None:
+        with self._lock:
+            frame, times = self._drawing, self._times
+            if question != self._question or frame is None:
+                return
+            self._question = ""
+        if times < _TIMES:
+            self._ask(times + 1)
+        else:
+            self._drawn(frame)
+
+    def _drawn(self, frame: int) -> None:
+        with self._lock:
+            self._drawing = None
+            while frame in self._frames:  # those before it gave way to it
+                if self._frames.popleft() == frame:
+                    break
+        self._report(Drawn())
+
+
+class Player:
+    """A clock on its own thread. It asks for frames; frames that come too late are skipped."""
+
+    def __init__(
+        self,
+        state: UserState,
+        ask: Callable[[int], None],
+        in_flight: InFlight,
+        ended: Callable[[], None],
+    ) -> None:
+        """ask: for a frame with all that is of it. ended: called when playback ends, or an edit has ended it."""
+        self.fps = 25.0
+        self._state, self._ask, self._in_flight, self._ended = state, ask, in_flight, ended
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="player", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stopping.set()
+        self._thread.join(2.0)
+
+    def _work(self) -> None:
+        state = self._state
+        while not self._stopping.wait(0.03):
+            if not (state.playing and self._in_flight.is_watched):
+                continue  # a page left open, and closed, is no work for anybody
+            began, first = time.monotonic(), state.frame
+            if first >= state.strip.stop - 1:
+                first = state.strip.start
+            last_asked = -1
+            self._in_flight.clear()
+            pace = self.fps * state.speed
+            while (
+                state.playing
+                and self._in_flight.is_watched
+                and pace == self.fps * state.speed
+                and not self._stopping.is_set()
+            ):
+                due = first + int((time.monotonic() - began) * pace)
+                if due > state.strip.stop - 1:
+                    first = due = state.strip.start
+                    began = time.monotonic()
+                if due != last_asked and self._in_flight.has_room:
+                    last_asked = due
+                    with state.lock:  # an edit that begins now comes first, and ends it
+                        if state.playing:
+                            self._ask(due)
+                time.sleep(0.4 / max(pace, 1.0))
+            if not state.playing:
+                self._ended()
