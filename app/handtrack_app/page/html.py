@@ -94,11 +94,21 @@ def rgb(colour: Iterable[float]) -> str:
 
 
 _LEGENDS = {
-    "residual": (("#e69f00", "silhouette without model"), ("#0072b2", "model without silhouette")),
+    "outline": (("#ffc20a", "model's outline"),),
+    "residual": (
+        ("#e69f00", "silhouette without model; detected joint"),
+        ("#0072b2", "model without silhouette; line to the model's joint"),
+    ),
     "mask": (
         ("#009e73", "mask"),
         ("repeating-linear-gradient(135deg, #cc79a7 0 2px, transparent 2px 4px)", "unknown"),
         ("#56b4e9", "corrected (outline)"),
+    ),
+    "field": (
+        (
+            "linear-gradient(90deg, #440154, #21918c, #fde725)",
+            "model's field: from its edge to the bones",
+        ),
     ),
 }
 """by overlay; as `handtrack.diagnostics.residuals` draws them, which the page's process does not import"""
@@ -159,7 +169,8 @@ div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Flex-root { g
 div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Button-root { border: 0 !important; padding: 0 !important; height: 24px !important;
   min-width: 28px; background: rgba(128, 128, 128, .16) !important; color: inherit !important; }
 .handtrack-lane { position: absolute; left: 4px; display: flex; align-items: center; gap: .6em; line-height: 1.1; font-size: 11px;
-  white-space: nowrap; pointer-events: none; text-shadow: 0 0 3px var(--mantine-color-body), 0 0 3px var(--mantine-color-body); }
+  white-space: nowrap; pointer-events: none; z-index: 1; text-shadow: 0 0 3px var(--mantine-color-body), 0 0 3px var(--mantine-color-body); }
+.handtrack-lane > * { background: color-mix(in srgb, var(--mantine-color-body) 75%, transparent); border-radius: 2px; }
 /* the next step: over an empty timeline in its middle, else above its right end, beside the panel: no frame is behind it */
 div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolute; left: 172px; right: 90px; top: 3px; z-index: 6;
   padding: 0 !important; text-align: center; font-size: 13px; pointer-events: none; }
@@ -228,8 +239,8 @@ a[data-frame] { color: inherit; }
 /* what the colours of an overlay mean: at the picture's lower left while a camera is looked through */
 #handtrack-legend { display: none; position: fixed; left: 12px; bottom: calc(var(--handtrack-below) + 10px); z-index: 3; padding: .3em .8em;
   font: 13px var(--mantine-font-family); color: #fff; background: rgba(20, 20, 20, .8); border-radius: 4px; pointer-events: none; }
-body[data-overlay="residual"] #handtrack-legend, body[data-overlay="mask"] #handtrack-legend { display: block; }
-body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([data-overlay="mask"]) #handtrack-legend > .mask { display: none; }
+#handtrack-legend > div { display: none; }
+#handtrack-legend > .field > .handtrack-chip { width: 5em; }
 /* viser only dims and freezes its widgets while no server answers, and goes on showing what was true before */
 #handtrack-lost { display: none; position: fixed; top: .6em; left: 50%; transform: translateX(-50%); z-index: 400; width: min(38em, 90vw); padding: .6em 1em;
   font: 14px/1.4 var(--mantine-font-family); color: #000; background: #f2b56b; border-radius: 4px; box-shadow: 0 0 8px rgba(0, 0, 0, .6); }
@@ -447,6 +458,12 @@ def dress(server: viser.ViserServer) -> None:
         f"<div class='{overlay}'>{' &nbsp; '.join(f'{chip(colour)}{words}' for colour, words in entries)}</div>"
         for overlay, entries in _LEGENDS.items()
     )
-    source = _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET)).replace("%l", json.dumps(legend))
+    shown = "".join(
+        f'body[data-overlay="{overlay}"] :is(#handtrack-legend, #handtrack-legend > .{overlay}) {{ display: block; }}\n'
+        for overlay in _LEGENDS
+    )
+    source = _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET + shown)).replace(
+        "%l", json.dumps(legend)
+    )
     source = source.replace("%d", json.dumps(_LOST))
     internals.run_javascript(server, source)

@@ -414,7 +414,7 @@ class PlotsPanel(Panel):
     def build(self) -> None:
         gui, page = self.gui, self.page
         self.group = page.choice(
-            "Angles of", (_NONE,), self._choose,
+            "Plot", (_NONE,), self._choose,
             "For the part of the recording that the timeline shows. The ground truth "
             "is plotted beside the track. Drag in a plot to zoom; double-click for all.",
         )  # fmt: skip
@@ -463,7 +463,7 @@ class PlotsPanel(Panel):
         )
         return self.gui.add_uplot(
             lines, series, title=title, bands=_BANDS, height=_HEIGHT, axes=(axis, axis),
-            scales={"x": uplot.Scale(time=False)}, legend=uplot.Legend(show=True), padding=(4, 12, 0, 0),
+            scales={"x": uplot.Scale(time=False)}, legend=uplot.Legend(show=True), padding=(10, 12, 0, 0),
         )  # fmt: skip
 
 

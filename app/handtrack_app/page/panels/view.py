@@ -167,7 +167,7 @@ def head(session: SessionSnapshot | None, state: UserState, saved: str = "") -> 
         number = len(session.cameras)
         cameras = f"{number} camera{'s' if number != 1 else ''}"
         frames = "live" if session.live else f"{len(state.strip.status)} frames"
-        counts = f"{frames}, {cameras}, {session.fps:g} frames/s"
+        counts = f"{frames}, {cameras}, {session.fps:g} fps"
         facts = f"<div class='handtrack-counts handtrack-faint' title='{html.escape(session.model)}'>{counts}</div>"
         facts += f"<div>{_SAVED[saved]}</div>" if saved in _SAVED else ""
     elif progress.state == "failed":
