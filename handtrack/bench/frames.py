@@ -27,7 +27,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.tracking.frame.control import Control, Observer
-from handtrack.tracking.frame.state import TrackerState
+from handtrack.tracking.frame.frame_task import TrackerState
 
 FRAMES = 60
 """of the bundled recording; `webxr_depth_640` has fewer"""

@@ -14,8 +14,7 @@ from handtrack.geometry.rotation import turn_between
 from handtrack.model.articulated import FINGERS, JOINT_CENTRES, definition_among, keypoint_names
 from handtrack.observation.observation import check_kind
 from handtrack.observation.truth import Truth
-from handtrack.tracking.frame.result import COLUMNS, Status, TrackResult
-from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack.tracking.frame.result import COLUMNS, Status, TrackResult, model_of
 
 # ---- Errors beside a constant offset, which two definitions of the same point have, and which frames are wrong by them
 

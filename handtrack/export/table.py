@@ -19,9 +19,7 @@ from handtrack.geometry.camera import CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.session.formats.tables import read_npz
-from handtrack.tracking.frame.result import COLUMNS, Status, TrackResult
-from handtrack.tracking.frame.tables.labelled import frame_rate
-from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack.tracking.frame.result import COLUMNS, Status, TrackResult, frame_rate, model_of
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,7 @@ from handtrack.session.layout import MASKS_FOLDER, inside
 from handtrack.session.session import Session
 from handtrack.session.session_file import CameraSettings
 from handtrack.session.sources.views import View
-from handtrack.tracking.frame.result import Status, TrackResult
-from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack.tracking.frame.result import Status, TrackResult, model_of
 
 _SURFACE_ERROR_M = 0.004
 """how far a person's outline is from the model's in the right pose: one and a half of `outline_sigma_mm`, and clothes of skin"""

@@ -42,12 +42,11 @@ from handtrack.session.sources.views import joint_sigma_px
 from handtrack.tracking.find_pose import PoseEstimate, pose_in_space
 from handtrack.tracking.frame.confidence import OutlineFit, assess, outline_fit
 from handtrack.tracking.frame.control import Control, Observe, Observer
-from handtrack.tracking.frame.frame_task import posed_result
+from handtrack.tracking.frame.frame_task import TrackerState, posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status, Step, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
-from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.cloud_terms import agreement
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.keypoint_start import carried_over, fit_keypoints, fit_scale

@@ -13,8 +13,8 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control, Observe
+from handtrack.tracking.frame.frame_task import TrackerState
 from handtrack.tracking.frame.result import FrameResult, Status, Step, unconfirmed
-from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.speculative import SpeculativeExecution
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.likelihood import (

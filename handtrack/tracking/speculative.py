@@ -18,8 +18,8 @@ from handtrack.observation.observation import Observation
 from handtrack.parallel import thread_count, workers
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.control import Control, Observe, Observer, SearchReport
+from handtrack.tracking.frame.frame_task import TrackerState
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
 Stepped = tuple[TrackerState, FrameResult]

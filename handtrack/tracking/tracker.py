@@ -18,10 +18,9 @@ from handtrack.parallel import one_blas_thread
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_task import FrameTask, predict
+from handtrack.tracking.frame.frame_task import FrameTask, TrackerState, predict
 from handtrack.tracking.frame.result import FrameResult, Status, Step, unconfirmed
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.hypotheses.mixture import solve_mixture
 from handtrack.tracking.search.frame_solve import solve_frame

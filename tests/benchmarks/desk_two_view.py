@@ -15,7 +15,7 @@ from handtrack import Camera, Session, TrackResult, read_npz
 from handtrack.bench.measuring import data_folder
 from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.simulation.render import pixel_rays, render
-from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack.tracking.frame.result import model_of
 
 MARKS = Path(__file__).with_name("desk_two_view_marks.json")
 OUTLINES = Path(__file__).with_name("desk_two_view_outlines.json")

@@ -12,7 +12,7 @@ from handtrack import HandtrackError
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
-from handtrack.tracking.frame.tables.labelled import joint_confidence
+from handtrack.tracking.frame.result import joint_confidence
 from tests.export.sequences import sample_sequence
 from tests.sample_track import sample_track
 

@@ -29,8 +29,7 @@ from handtrack.store.log import Record
 from handtrack.store.store import Span, Store, WritableStore
 from handtrack.store.take import read_result, result_content
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import PARTS, Alternative
-from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack.tracking.frame.result import PARTS, Alternative, model_of
 from tests.conftest import REPOSITORY
 from tests.export.sequences import KINDS, sample_rig, sample_sequence
 from tests.sample_track import HAND, sample_frame, sample_track, stacked

@@ -34,7 +34,7 @@ from handtrack.tracking.frame.confidence import frame_confidence
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack.tracking.frame.result import model_of
 from tests.app.command_line import QUICK
 from tests.experiments.scenes.simulated_clouds import Sensor, depth_views
 from tests.tracking.test_shared_cameras import camera_at, waving_poses

@@ -20,7 +20,7 @@ from handtrack.observation.observation import ImageView
 from handtrack.sampling.chains import chain_along
 from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.tracking.frame.confidence import frame_confidence
-from handtrack.tracking.frame.depth_flips import mirrored_covariance
+from handtrack.tracking.frame.descent import mirrored_covariance
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.sequence import track_recording

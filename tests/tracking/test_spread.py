@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack import Status, load_model
-from handtrack.tracking.size.spread import spread_of_track
+from handtrack.tracking.size.person import spread_of_track
 from tests.conftest import refused
 from tests.sample_track import sample_track
 

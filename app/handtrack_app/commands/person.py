@@ -21,8 +21,8 @@ from handtrack.session.session import Session
 from handtrack.session.sources.skin_samples import painted_skin, segmented_skin
 from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.tables.track_model import model_of
-from handtrack.tracking.size.spread import spread_of_track
+from handtrack.tracking.frame.result import model_of
+from handtrack.tracking.size.person import spread_of_track
 from handtrack_app.commands.terminal.output import (
     INTERRUPTED,
     Answer,

@@ -23,8 +23,7 @@ from handtrack.store.history import Span
 from handtrack.store.lease import holder_of
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import Take
-from handtrack.tracking.frame.result import TrackResult
-from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack.tracking.frame.result import TrackResult, model_of
 from handtrack_app.commands.terminal.output import Answer, note, output_file, print_status
 from handtrack_app.commands.terminal.track_options import parse_frames
 

@@ -15,8 +15,7 @@ from handtrack.export.shown.mesh import joint_links
 from handtrack.export.table import ArchiveMetadata, ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.session.formats.tables import AXES
-from handtrack.tracking.frame.result import is_length
-from handtrack.tracking.frame.tables.labelled import joint_confidence
+from handtrack.tracking.frame.result import is_length, joint_confidence
 
 
 def write(path: Path, table: ResultsTable) -> None:

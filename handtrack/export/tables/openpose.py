@@ -15,7 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text, replacing
 from handtrack.model.articulated import keypoint_names
-from handtrack.tracking.frame.tables.labelled import joint_confidence
+from handtrack.tracking.frame.result import joint_confidence
 
 
 def _detectors_points(layout: str, others: str) -> tuple[str, ...]:

@@ -20,8 +20,14 @@ from handtrack.files.atomic import check_folder_of, keep_version, replace_text, 
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.formats.tables import AXES, anatomy_arrays, write_arrays, write_npz
-from handtrack.tracking.frame.result import Status, TrackResult, is_length
-from handtrack.tracking.frame.tables.labelled import frame_columns, joint_confidence, labelled
+from handtrack.tracking.frame.result import (
+    Status,
+    TrackResult,
+    frame_columns,
+    is_length,
+    joint_confidence,
+    labelled,
+)
 
 if TYPE_CHECKING:
     from scipy.io import netcdf_file

@@ -22,8 +22,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.sources.keypoint_files import NO_JOINTS
 from handtrack.session.sources.views import View
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack.tracking.frame.result import Status, model_of
 from handtrack.tracking.search.keypoint_start import fit_keypoints
 
 _WRIST, _MIDDLE_MCP = 0, 9  # rows of the 21 keypoints

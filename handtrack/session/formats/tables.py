@@ -17,9 +17,8 @@ from handtrack.files.atomic import check_folder_of, keep_version, replacing
 from handtrack.files.npz_files import read_arrays
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracking.frame.reason import KINDS
-from handtrack.tracking.frame.result import COLUMNS, FIELDS, Status, TrackResult
+from handtrack.tracking.frame.result import COLUMNS, FIELDS, Status, TrackResult, model_of
 from handtrack.tracking.frame.result_fields import result_fields
-from handtrack.tracking.frame.tables.track_model import model_of
 
 FORMAT = 2
 """with the model's hierarchy; files of format 1 are without it, and open"""

@@ -30,7 +30,7 @@ from handtrack.tracking.frame.constants import (
     LOST_CLOUD,
     LOST_OVERLAP,
 )
-from handtrack.tracking.frame.depth_flips import mirrored_covariance
+from handtrack.tracking.frame.descent import mirrored_covariance
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import (
     LARGEST_HAND_MM,
@@ -219,11 +219,8 @@ def what_is_open(
         return Reason("open", "whole body", number=whole) if 0 < most_mm < whole else None
     if most_mm == 0 or whole <= most_mm:
         return None
-    bases = {"wrist", "thumb_cmc", *(f"{finger}_mcp" for finger in FINGERS[1:])}
-    part = np.array(["palm" if n in bases else n.split("_")[0] for n in model.joint_names])
-    wide = [
-        p for p in ("palm", *FINGERS) if (part == p).any() and spread[part == p].mean() > most_mm**2
-    ]
+    part = np.array([part_of(name) for name in model.joint_names])
+    wide = [p for p in PARTS if (part == p).any() and spread[part == p].mean() > most_mm**2]
     if "palm" in wide or len(wide) == len(FINGERS):
         return Reason("open", "whole hand", number=whole)
     off = float(np.sqrt(spread[np.isin(part, wide)].mean()))
@@ -289,10 +286,8 @@ def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | N
     overlap = Reason(kind, camera=camera.name, number=float(share[worst]))
     if np.median(share[filled]) < LOST_OVERLAP:
         return Status.LOST, overlap
-    if share[worst] < DOUBTFUL_OVERLAP:
-        return Status.DOUBTFUL, overlap
-    outside = part_outside(terms, bones)
-    return (Status.DOUBTFUL, outside) if outside else (Status.TRACKED, None)
+    reason = overlap if share[worst] < DOUBTFUL_OVERLAP else part_outside(terms, bones)
+    return Status.DOUBTFUL if reason else Status.TRACKED, reason
 
 
 def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:

@@ -35,7 +35,7 @@ from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.motion_belief import MotionBelief, unknown_speed
 from handtrack.tracking.frame.result import Alternative, Step
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.terms.priors import agility
+from handtrack.tracking.frame.terms.priors import agility, motion_sigma
 from handtrack.tracking.search.engine import Candidate, differing, report, run_rounds
 
 _COARSE = 10.0  # times sigma, of a first frame's joints: a wide basin
@@ -468,13 +468,11 @@ def _hypothesis(found: Start, weight: float) -> tuple[MotionBelief, Alternative]
 
 def speed_of_change(model: ArticulatedModel, settings: TrackerSettings) -> Floats[P]:
     """Return (P,) the unknown acceleration a frame, a standard deviation [m, rad]."""
-    prior, strength = settings.prior, settings.tracker.smoothing
-    push = np.full(len(model.transform.names), np.deg2rad(prior.motion_sigma_deg))
-    push[:3] = 1e-3 * prior.motion_sigma_mm
+    push = motion_sigma(settings.prior, len(model.transform.names))
     share = agility(model)
     leaders = [np.flatnonzero(column)[:1] for column in model.transform.matrix.T]
     push *= [float(share[led[0]]) if len(led) else 1.0 for led in leaders]
-    return push / np.sqrt(max(strength, 1e-6))
+    return push / np.sqrt(max(settings.tracker.smoothing, 1e-6))
 
 
 def solve_mixture(task: FrameTask) -> Step:

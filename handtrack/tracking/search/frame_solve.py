@@ -22,12 +22,11 @@ from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import DOUBTFUL_CLOUD
 from handtrack.tracking.frame.control import Search, Tried
 from handtrack.tracking.frame.descent import LAST_GAIN, descend, stage_problem
-from handtrack.tracking.frame.frame_task import FrameTask
+from handtrack.tracking.frame.frame_task import FrameTask, TrackerState, posed_result
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status, Step
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.state import TrackerState
 from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement
 from handtrack.tracking.search.engine import Candidate, report
 from handtrack.tracking.search.keypoint_start import carried_over
@@ -254,21 +253,18 @@ def _in_whole(model: ArticulatedModel, found: FrameResult, joint: Floats[S]) -> 
     limits let them.
     """
     joint[3:6] = wrapped(joint[3:6])
-    std = np.full(len(joint), np.inf)
-    std[:6] = found.parameter_std[:6]
-    bones, jacobian, _ = model.linearize(model.solver_params(joint))
-    limits = model.limits.bounds(joint)
-    spread = np.zeros(len(joint))
-    spread[6:] = np.diff(limits[6:], axis=1)[:, 0] ** 2 / 12.0  # anywhere between them
-    spread[:6] = np.where(np.isfinite(std[:6]), std[:6], 1.0) ** 2
+    params = model.solver_params(joint)
+    bones, jacobian, _ = model.linearize(params)
+    std = found.parameter_std[:6]
+    spread = np.diff(model.limits.bounds(joint), axis=1)[:, 0] ** 2 / 12.0  # anywhere between them
+    spread[:6] = np.where(np.isfinite(std), std, 1.0) ** 2
     moves = joint_position_jacobian(model, bones, jacobian)
     return replace(
-        found,
-        parameters=joint,
-        status=max(found.status, Status.DOUBTFUL),
-        parameter_std=np.full_like(std, np.inf) if found.status == Status.LOST else std,
+        posed_result(model, found, params, max(found.status, Status.DOUBTFUL)),
+        parameter_std=np.append(std, np.full(len(joint) - 6, np.inf)),
         joint_covariance=np.einsum("jas,s,jbs->jab", moves, spread, moves),
-        T_world_bone=bones.T_world_bone,
-        joint_positions=model.joint_positions(bones),
-        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
+        energy=found.energy,
+        energies=found.energies,
+        iterations=found.iterations,
+        views=found.views,
     )

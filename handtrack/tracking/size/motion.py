@@ -9,8 +9,9 @@ import numpy as np
 
 from handtrack.arrays import D3, F, Floats, K, L, M, N, P, array_dataclass
 from handtrack.geometry.rotation import left_jacobian
-from handtrack.model.pose_changes import ANGLES, PLACE, TURN, changes
+from handtrack.model.pose_changes import ANGLES, TURN, changes
 from handtrack.tracking.frame.settings import PriorSettings
+from handtrack.tracking.frame.terms.priors import motion_sigma
 
 _USUAL_FRAMES = 0.01
 """frames for which the usual process noise counts beside what was seen: it keeps what never moves from being known to"""
@@ -43,9 +44,7 @@ class Motion:
         """Return what is assumed before anything is known of a recording: what `prior` says of the next frame, so many seconds
         later.
         """
-        push = np.full(size, np.deg2rad(prior.motion_sigma_deg))
-        push[PLACE] = prior.motion_sigma_mm * 1e-3
-        return cls(float(np.exp(-seconds / _LASTS_S)), np.diag(push**2))
+        return cls(float(np.exp(-seconds / _LASTS_S)), np.diag(motion_sigma(prior, size) ** 2))
 
     def cost(self, poses: Floats[F, P]) -> float:
         """Return ½ Σ rᵀ r of all accelerations and of the first velocity, in standard deviations."""

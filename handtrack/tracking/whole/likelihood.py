@@ -27,15 +27,13 @@ from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.control import Control, Observe
-from handtrack.tracking.frame.depth_flips import only_camera
-from handtrack.tracking.frame.descent import stage_problem
+from handtrack.tracking.frame.descent import only_camera, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, by_camera, frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
 from handtrack.tracking.size.cameras import IN_STEP, WIDER, CameraChanges, velocities
-from handtrack.tracking.size.estimate import Shared, WholeEstimate
-from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
+from handtrack.tracking.size.estimate import FrameProblem, Shared, WholeEstimate, by_changes
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange, Subject
 from handtrack.tracking.whole.refinement import CameraError

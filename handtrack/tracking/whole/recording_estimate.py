@@ -22,8 +22,13 @@ from handtrack.tracking.frame.frame_terms import by_camera
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.frame_solve import POOR, poor_agreement
 from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, CameraChanges
-from handtrack.tracking.size.estimate import StoppedError, WholeEstimate, estimate_whole
-from handtrack.tracking.size.frame_systems import by_change, terms_of
+from handtrack.tracking.size.estimate import (
+    StoppedError,
+    WholeEstimate,
+    by_change,
+    estimate_whole,
+    terms_of,
+)
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.whole.alternatives import with_alternatives
 from handtrack.tracking.whole.keyframes import with_keyframes

@@ -13,7 +13,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.suppression import apart
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.depth_flips import apart_m, flips_of_limbs, only_camera
+from handtrack.tracking.frame.descent import apart_m, flips_of_limbs, only_camera
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.likelihood import RecordingLikelihood
 

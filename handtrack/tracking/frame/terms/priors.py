@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, S
+from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.loss import Loss
 from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
@@ -129,11 +129,16 @@ def pose_priors(
     return terms
 
 
+def motion_sigma(prior: PriorSettings, size: int) -> Floats[P]:
+    """Return how far so many parameters may be from their prediction for the next frame, a standard deviation [m, rad]."""
+    sigma = np.full(size, np.deg2rad(prior.motion_sigma_deg))
+    sigma[:3] = prior.motion_sigma_mm * 1e-3
+    return sigma
+
+
 def motion_prior(
     expected: Floats[S], prior: PriorSettings, smoothing: float, frames_ahead: int
 ) -> GaussianPrior:
     """Return the pull to the pose that is expected, so many frames after the last one."""
-    sigma = np.full(len(expected), np.deg2rad(prior.motion_sigma_deg))
-    sigma[:3] = prior.motion_sigma_mm * 1e-3
-    sigma *= np.sqrt(max(frames_ahead, 1)) / np.sqrt(smoothing)
-    return GaussianPrior(expected, sigma, "motion")
+    spread = np.sqrt(max(frames_ahead, 1)) / np.sqrt(smoothing)
+    return GaussianPrior(expected, motion_sigma(prior, len(expected)) * spread, "motion")
