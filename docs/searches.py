@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from handtrack.tracking.frame.control import Fitter, Proposer, Round, Search
 from handtrack.tracking.hypotheses.mixture import FIRST_HYPOTHESES, NEXT_HYPOTHESES
-from handtrack.tracking.search.frame_solve import POOR_CLOUD
+from handtrack.tracking.search.frame_solve import LOST_FINGER, POOR_CLOUD, SHIFTED_FINGERS
 from handtrack.tracking.search.global_search import (
     FIRST_POSE,
     GIVEN_JOINTS,
@@ -12,7 +12,6 @@ from handtrack.tracking.search.global_search import (
     OTHER_SIDE,
 )
 from handtrack.tracking.search.keypoint_start import IMAGE_JOINTS
-from handtrack.tracking.search.lost_finger import LOST_FINGER, SHIFTED_FINGERS
 
 SEARCHES = (
     FIRST_POSE,

@@ -25,10 +25,10 @@ from .session.track_session import track_session as track_session
 from .terms.joint_position_term import JointPositionTerm as JointPositionTerm
 from .tracking.find_pose import PoseEstimate as PoseEstimate
 from .tracking.find_pose import find_pose as find_pose
+from .tracking.frame.frame_task import TrackerState as TrackerState
 from .tracking.frame.result import FrameResult as FrameResult
 from .tracking.frame.result import Status as Status
 from .tracking.frame.result import TrackResult as TrackResult
 from .tracking.frame.settings import TrackerSettings as TrackerSettings
-from .tracking.frame.state import TrackerState as TrackerState
 from .tracking.track import track as track
 from .tracking.tracker import Tracker as Tracker

@@ -30,8 +30,8 @@ from handtrack.tracking.frame.confidence import (
     what_is_open,
 )
 from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.search.frame_solve import why_fingers_may_be_lost
 from handtrack.tracking.search.global_search import why_hand_may_be_lost
-from handtrack.tracking.search.lost_finger import why_fingers_may_be_lost
 from tests.tracking.scenes import joints_seen, on_surface
 
 MODEL = load_model()

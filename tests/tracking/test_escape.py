@@ -10,7 +10,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.search.engine import Candidate
-from handtrack.tracking.search.lost_finger import (
+from handtrack.tracking.search.frame_solve import (
     FingerObjective,
     finger_shifts,
     with_fingers_recovered,

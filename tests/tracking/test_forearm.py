@@ -23,8 +23,8 @@ from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.forearm import forearm_in_view, forearm_length
+from handtrack.tracking.search.frame_solve import with_fingers_recovered
 from handtrack.tracking.search.keypoint_start import carried_over
-from handtrack.tracking.search.lost_finger import with_fingers_recovered
 from handtrack.tracking.size.person import Subject
 from handtrack.tracking.whole.likelihood import Recording
 from handtrack.tracking.whole.recording_estimate import refine

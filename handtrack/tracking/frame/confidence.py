@@ -602,39 +602,42 @@ def frame_confidence(
         alone is a doubt, which another search may end; later it is one sign of many, and tells
         least: of 85 such frames 8 were wrong.
     """
-    model, joint = terms.model, terms.model.joint_params(params)
+    model, bones = terms.model, terms.model.bones(params)
     bad = misfit(result.energies, terms.views)
     seen = CLOUD if terms.cloud is not None else JOINTS if terms.detected else MASKS
     seen = BODY if model.kind == "body" else seen
-    hidden = curls(model, joint)
+    hidden = curls(model, model.joint_params(params))
     if model.has_keypoints21 and terms.detected:
-        hidden = hidden * (1.0 - _confirmed(terms, model.bones(params)))
+        hidden = hidden * (1.0 - _confirmed(terms, bones))
     reported = calibrated_covariance(model, hidden, result.joint_covariance, bad, seen)
     reported += mirrored_covariance(terms, params)
-    if is_unmeasured(
-        model.scale
-    ):  # a size that nothing measured may be another, about where the hand is
-        joints = model.joint_positions(model.bones(params))
+    if is_unmeasured(model.scale):  # it may be another, about where the hand is
+        joints = model.joint_positions(bones)
         rescaled = model.scale.std["overall"] * (joints - joints.mean(axis=0))
         reported += rescaled[:, :, None] * rescaled[:, None, :]
-    status, reason = assess(terms, model.bones(params), energy, previous)
-    if moved_m is not None and reason is not None and reason.kind == "energy":
-        status, reason = Status.TRACKED, None
-    off = None
+    off_25, off_10, may_be_off = float("nan"), None, None
     if model.has_keypoints21:
         moved = MOVED_UNKNOWN if moved_m is None else moved_sign(moved_m)
         signs = {"moved": moved, "open": open_sign(result.joint_covariance)}
-        off = failure_probabilities(model, reported, signs)
+        off_25, off_10, telling = failure_probabilities(model, reported, signs)
+        part = PARTS[int(np.argmax(off_10))]
+        own = np.array([part_of(name) == part for name in model.joint_names])
+        may_be_off = _unsure("off", off_25, _WORDS[part], reported[own], telling)
+    elif model.kind == "body":
+        off_25 = float(probably_beyond(reported, FRAME_OFF_M).max())
+        beyond = probably_beyond(reported, BODY_OFF_M)
+        joint = int(beyond.argmax())
+        name = model.joint_names[joint].replace("_", " ")
+        may_be_off = _unsure("far off", float(beyond[joint]), name, reported[[joint]])
+    status, reason = assess(terms, bones, energy, previous)
+    if moved_m is not None and reason is not None and reason.kind == "energy":
+        status, reason = Status.TRACKED, None
     if status == Status.TRACKED:
         odd, most = odd_size(model), terms.settings.tracker.doubtful_mm
         reason = odd if odd is not None and not odd.part else None
         reason = reason or what_is_open(model, reported, most)
-        if most > 0:
-            reason = reason or _may_be_off(model, reported, off) or _may_be_far(model, reported)
+        reason = reason or (may_be_off if most > 0 else None)
         status = Status.TRACKED if reason is None else Status.DOUBTFUL
-    off_25, off_10 = off[:2] if off is not None else (float("nan"), None)
-    if model.kind == "body":
-        off_25 = float(probably_beyond(reported, FRAME_OFF_M).max())
     result = replace(result, joint_covariance=reported, p_off_25mm=off_25, p_off_10mm=off_10)
     return assessed_as(result, status, reason)
 
@@ -660,29 +663,10 @@ def _confirmed(terms: FrameTerms, bones: BonePoses) -> Floats[K]:
     return np.array([(cameras[rows] > 1).mean() for rows in own])
 
 
-def _may_be_off(
-    model: ArticulatedModel,
-    joint_covariance: Floats[J, D3, D3],
-    off: tuple[float, Floats[K], str] | None,
+def _unsure(
+    kind: str, probability: float, part: str, joint_covariance: Floats[J, D3, D3], sign: str = ""
 ) -> Reason | None:
-    """Return what most probably is off, where a look costs less than what may be missed."""
-    if off is None or off[0] * MISSED <= 1.0:
+    """Return that a part, of joints of that covariance, so probably is off; None where a look costs more than what may be missed."""
+    if probability * MISSED <= 1.0:
         return None
-    frame, parts, telling = off
-    worst = PARTS[int(np.argmax(parts))]
-    own = np.array([part_of(name) == worst for name in model.joint_names])
-    spread_mm = 1e3 * float(spread_m(joint_covariance)[own].max())
-    return Reason("off", _WORDS[worst], telling, spread_mm, frame)
-
-
-def _may_be_far(model: ArticulatedModel, joint_covariance: Floats[J, D3, D3]) -> Reason | None:
-    """Return which joint of a body most probably is as far off as a frame of a hand may be, for its size."""
-    if model.kind != "body":
-        return None
-    beyond = probably_beyond(joint_covariance, BODY_OFF_M)
-    worst = int(beyond.argmax())
-    if beyond[worst] * MISSED <= 1.0:
-        return None
-    spread_mm = 1e3 * float(spread_m(joint_covariance)[worst])
-    name = model.joint_names[worst].replace("_", " ")
-    return Reason("far off", name, number=spread_mm, other=float(beyond[worst]))
+    return Reason(kind, part, sign, 1e3 * float(spread_m(joint_covariance).max()), probability)

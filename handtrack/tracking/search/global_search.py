@@ -35,8 +35,7 @@ from handtrack.tracking.frame.result import FrameResult, Status, Step
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
 from handtrack.tracking.search.engine import Candidate, each, improved, report, run_rounds
-from handtrack.tracking.search.frame_solve import solve_frame
-from handtrack.tracking.search.lost_finger import is_due
+from handtrack.tracking.search.frame_solve import is_due, solve_frame
 from handtrack.tracking.search.scores import (
     CloudScore,
     HandShape,

@@ -72,24 +72,14 @@ def mark_visible(points, normals, turn, sight, picture, marks):  # pragma: no co
         (64, 64) scratch.
     """
     # a frame of the picture: two directions across the line of sight
-    ax = 0
-    if abs(sight[1]) < abs(sight[ax]):
-        ax = 1
-    if abs(sight[2]) < abs(sight[ax]):
-        ax = 2
-    e = np.zeros(3)
-    e[ax] = 1.0
-    x0 = sight[1] * e[2] - sight[2] * e[1]
-    x1 = sight[2] * e[0] - sight[0] * e[2]
-    x2 = sight[0] * e[1] - sight[1] * e[0]
-    size = np.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
-    x0, x1, x2 = x0 / size, x1 / size, x2 / size
-    y0 = sight[1] * x2 - sight[2] * x1
-    y1 = sight[2] * x0 - sight[0] * x2
-    y2 = sight[0] * x1 - sight[1] * x0
+    other = np.zeros(3)
+    other[np.argmin(np.abs(sight))] = 1.0
+    x = np.cross(sight, other)
+    x /= np.sqrt((x * x).sum())
+    y = np.cross(sight, x)
     # into the shape's own frame
     s = _back(turn, sight[0], sight[1], sight[2])
-    u, v = _back(turn, x0, x1, x2), _back(turn, y0, y1, y2)
+    u, v = _back(turn, x[0], x[1], x[2]), _back(turn, y[0], y[1], y[2])
     picture[:] = -np.inf
     for n in range(points.shape[0]):
         i, k = _cell(points, n, u, v)
@@ -141,10 +131,8 @@ def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cove
             by_all[:] = True
             for e in range(sight_start[w], sight_start[w + 1]):
                 mark_visible(points, normals, turn, directions[e], picture, by_one)
-                for n in range(count):
-                    by_all[n] = by_all[n] and by_one[n]
-            for n in range(count):
-                visible[n] = visible[n] or by_all[n]
+                by_all &= by_one
+            visible |= by_all
         seen = 0
         for n in range(count):
             if visible[n]:

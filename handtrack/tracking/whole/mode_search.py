@@ -20,8 +20,8 @@ from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.priors import motion_prior
+from handtrack.tracking.search.frame_solve import SUSPICIOUS_RATIO, finger_grid
 from handtrack.tracking.search.global_search import flipped_fingers
-from handtrack.tracking.search.lost_finger import SUSPICIOUS_RATIO, finger_grid
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.whole.likelihood import FrameLikelihood, RecordingLikelihood
 
