@@ -47,17 +47,11 @@ class MotionBelief:
             Whether motion goes on; otherwise places alone drift by `push`.
         """
         count = len(self.mean)
-        mean, velocity, covariance = self.mean, self.velocity, self.covariance
-        step = np.eye(2 * count)
-        noise = np.zeros_like(covariance)
-        variance = np.diag(push**2)
-        if moving:
-            step[:count, count:] = np.eye(count)
-            noise[:count, :count], noise[count:, count:] = 0.25 * variance, variance
-            noise[:count, count:] = noise[count:, :count] = 0.5 * variance
-        else:
-            velocity = np.zeros(count)
-            noise[:count, :count] = variance
+        mean, covariance = self.mean, self.covariance
+        velocity = self.velocity if moving else np.zeros(count)
+        step = np.eye(2 * count) + np.eye(2 * count, k=count) * moving
+        share = [[0.25, 0.5], [0.5, 1.0]] if moving else [[1.0, 0.0], [0.0, 0.0]]
+        noise = np.kron(share, np.diag(push**2))
         for _ in range(frames):
             mean = mean + velocity
             covariance = step @ covariance @ step.T + noise

@@ -337,8 +337,7 @@ class TrackLabels:
         if not latest:
             raise HandtrackError("no frame was tracked; a result holds at least one.")
         frames = [latest[number] for number in sorted(latest)]
-        own = {entry.name: getattr(self, entry.name) for entry in fields(TrackLabels)}
-        track = TrackResult(**own | stacked(FIELDS, frames))
+        track = TrackResult(**vars(self) | stacked(FIELDS, frames))
         named = (len(self.parameter_names), len(self.bone_names), len(self.joint_names))
         found = (
             track.parameters.shape[1],

@@ -469,9 +469,7 @@ def _hypothesis(found: Start, weight: float) -> tuple[MotionBelief, Alternative]
 def speed_of_change(model: ArticulatedModel, settings: TrackerSettings) -> Floats[P]:
     """Return (P,) the unknown acceleration a frame, a standard deviation [m, rad]."""
     push = motion_sigma(settings.prior, len(model.transform.names))
-    share = agility(model)
-    leaders = [np.flatnonzero(column)[:1] for column in model.transform.matrix.T]
-    push *= [float(share[led[0]]) if len(led) else 1.0 for led in leaders]
+    push *= agility(model)[list(model.driving_joints)]
     return push / np.sqrt(max(settings.tracker.smoothing, 1e-6))
 
 

@@ -81,13 +81,15 @@ def _descended(
     settings, control, number = task.settings, task.control, task.observation.frame
     watch = control.watch(number)
     summary, problem = descend(terms, params, control.should_stop, watch)
-    search, why = finger_search(settings, number, summary.cost, terms.views, task.previous)
+    search, why = LOST_FINGER, ""
+    if settings.traits.shifts_each_frame:
+        search, why = SHIFTED_FINGERS, f"by the method {settings.method}"
+    elif settings.tracker.escape:
+        why = why_fingers_may_be_lost(number, summary.cost, terms.views, task.previous)
     if why and terms.cloud is not None:
+        # a wrong finger often fits points of other things better
         seen = agreement(terms.cloud, task.model.bones(summary.params))
-        if (
-            seen.explained < DOUBTFUL_CLOUD
-        ):  # a wrong finger often fits points of other things better
-            why = ""
+        why = why if seen.explained >= DOUBTFUL_CLOUD else ""
     if why and control.searches:
         found = with_fingers_recovered(terms, summary.params, control, number, why, search)
         if found is not summary.params:
@@ -397,21 +399,6 @@ def why_fingers_may_be_lost(
 def is_due(row: int) -> bool:
     """Return whether a search is made in that frame of a row: the first, second, fourth, eighth …"""
     return row & (row - 1) == 0
-
-
-def finger_search(
-    settings: TrackerSettings,
-    frame: int,
-    energy: float,
-    views: int,
-    previous: Sequence[FrameResult],
-) -> tuple[Search, str]:
-    """Return which search for fingers a frame may need, and why it is made; no reason where it is not."""
-    if settings.traits.shifts_each_frame:
-        return SHIFTED_FINGERS, f"by the method {settings.method}"
-    if not settings.tracker.escape:
-        return LOST_FINGER, ""
-    return LOST_FINGER, why_fingers_may_be_lost(frame, energy, views, previous)
 
 
 def with_fingers_recovered(

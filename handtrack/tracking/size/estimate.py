@@ -146,15 +146,18 @@ class FrameSystems:
         poses, shared = np.array([whole.hessian[own], seen[own]]), corner[_half(self.shared)]
         self._matrices[frame] = poses, _sparse(border.ravel()), _sparse(shared)
 
-    def own(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
-        """Yield the poses' part, some frames at once."""
-        for at in self._parts():
-            yield at, self._of_poses(at, 0)
+    def parts(self) -> Iterator[slice]:
+        """Yield which frames are unpacked at once."""
+        for first in range(0, len(self.costs), _AT_ONCE):
+            yield slice(first, first + _AT_ONCE)
 
-    def observed(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
-        """Yield what each frame alone would say of its pose by what was seen, some frames at once."""
-        for at in self._parts():
-            yield at, self._of_poses(at, 1)
+    def own(self, at: slice) -> Floats[N, P, P]:
+        """Return the poses' part of some frames."""
+        return self._of_poses(at, 0)
+
+    def observed(self, at: slice) -> Floats[N, P, P]:
+        """Return what each of some frames alone would say of its pose by what was seen."""
+        return self._of_poses(at, 1)
 
     def border(self, at: slice) -> Floats[N, P, K]:
         """Return the part of some frames by pose and what is shared."""
@@ -165,7 +168,7 @@ class FrameSystems:
     def corner(self) -> Floats[K, K]:
         """By what is shared, all frames together."""
         total = self._corner(slice(0))
-        for at in self._parts():
+        for at in self.parts():
             # in the order of frames: the same sum however many there are at once
             total = np.concatenate([total, self._corner(at)]).sum(axis=0, keepdims=True)
         return total[0, _places(self.shared)]
@@ -176,7 +179,7 @@ class FrameSystems:
         """
         found = replace(self, **{name: getattr(self, name).copy() for name in _BY_FRAME})
         extrapolated = np.empty(len(self.costs))
-        for at in self._parts():
+        for at in self.parts():
             whole = np.column_stack([step[at], np.tile(shared, (len(step[at]), 1))])
             hessian = self._hessian(at)
             bent = np.einsum("fij,fj->fi", hessian, whole)
@@ -191,7 +194,7 @@ class FrameSystems:
         """Return whole matrices of some frames; those beside each other in memory are frames, so that sums over numbers are in their order."""
         (size, both), border = (self.size, self.gradient.shape[1]), self.border(at)
         found = np.empty((both, both, len(border)))
-        found[:size, :size] = np.moveaxis(self._of_poses(at, 0), 0, 2)
+        found[:size, :size] = np.moveaxis(self.own(at), 0, 2)
         found[:size, size:] = np.moveaxis(border, 0, 2)
         found[size:, :size] = found[:size, size:].swapaxes(0, 1)
         found[size:, size:] = np.moveaxis(self._corner(at)[:, _places(self.shared)], 0, 2)
@@ -203,10 +206,6 @@ class FrameSystems:
     def _corner(self, at: slice) -> Floats[N, M]:
         rows = [corner for _, _, corner in self._matrices[at]]
         return _dense(rows, self.shared * (self.shared + 1) // 2)
-
-    def _parts(self) -> Iterator[slice]:
-        for first in range(0, len(self.costs), _AT_ONCE):
-            yield slice(first, first + _AT_ONCE)
 
 
 _BY_FRAME = ("costs", "gradient", "share", "since", "_matrices")
@@ -422,8 +421,6 @@ class Frames(Protocol):
     """Where the estimate reads frames, and what they share."""
 
     @property
-    def model(self) -> ArticulatedModel: ...
-    @property
     def shared(self) -> Shared: ...
     @property
     def usual(self) -> Motion | None:
@@ -457,10 +454,6 @@ class ChosenFrames:
     person: PersonChange
     repeated: float = 1.0
     usual, wide = None, False
-
-    @property
-    def model(self) -> ArticulatedModel:
-        return self.problems[0].model
 
     @property
     def shared(self) -> Shared:
@@ -529,7 +522,7 @@ def estimate_whole(
     sweeps
         At most.
     """
-    model = likelihood.model
+    model = likelihood.shared.person.parameters.model
     usual = motion = likelihood.usual
     times = _LOOSER[(usual is None) + likelihood.wide]
     if usual is not None:
@@ -663,8 +656,8 @@ def _reported_covariance(
     found = np.empty((*swept.poses.shape, swept.poses.shape[1]))
     for first, blocks in system.inverse_parts():
         found[first : first + len(blocks)] = blocks[:, 0]
-    for at, own in swept.systems.observed():
-        for t, seen in enumerate(own, at.start):
+    for at in swept.systems.parts():
+        for t, seen in enumerate(swept.systems.observed(at), at.start):
             found[t] = _surer(seen, np.linalg.inv(found[t])) + system.spread(t)
     return found, system.covariance
 
@@ -696,11 +689,11 @@ def _system(
     systems, (frames, size) = swept.systems, swept.poses.shape
     blocks = np.zeros((frames, REACH + 1, size, size))
     gradient = systems.gradient[:, :size].copy()
-    for at, own in systems.own():
-        blocks[at, 0] += own
-    for at, seen in systems.observed() if new < 1.0 else ():
-        more = np.maximum(systems.share[at], new) - new
-        blocks[at, 0] -= more[:, None, None] * seen
+    for at in systems.parts():
+        blocks[at, 0] += systems.own(at)
+        if new < 1.0:
+            more = np.maximum(systems.share[at], new) - new
+            blocks[at, 0] -= more[:, None, None] * systems.observed(at)
     if motion is not None:
         motion.add_to(blocks, gradient, swept.poses)
     own = np.diagonal(blocks[:, 0], axis1=1, axis2=2)
