@@ -193,7 +193,8 @@ div:has(> .handtrack-rail) + div [role="tab"] { flex: 1 1 0; flex-direction: col
   padding: 0 .2em !important; gap: .15em; font-size: 13px; }
 div:has(> .handtrack-rail) + div [role="tab"] > * { margin: 0 !important; overflow: visible !important; }
 div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tablist"] { flex-wrap: wrap !important; }
-div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 auto; height: 2.2em !important; padding: 0 .22em !important; }
+div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 auto; height: 2.2em !important; padding: 0 .2em !important;
+  font-size: 12.5px; letter-spacing: -.01em; }
 /* notices above the hand, in a strip that a hand that is zoomed to leaves free */
 .mantine-Notifications-root { top: .3em !important; width: min(46em, calc(100vw - 320px)) !important; }
 .mantine-Notification-root { padding-block: .25em !important; margin-bottom: .3em !important; max-height: none !important; }
@@ -395,6 +396,9 @@ if (document.getElementById("handtrack-style") === null) {
     event.preventDefault();
     if (box === null) return;
     box.focus({preventScroll: true});
+    // what was typed there before is replaced: the box looks at a key where its caret is, and reads what comes by that
+    box.select();
+    box.dispatchEvent(new KeyboardEvent("keydown", {bubbles: true}));
     Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(box, link.dataset.frame);
     box.dispatchEvent(new Event("input", {bubbles: true}));
     box.blur();

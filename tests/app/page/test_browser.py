@@ -353,9 +353,18 @@ def _shows_what_matters_whole_until_it_is_put_away(bench, view):
     eventually(lambda: read("Press the button") and not read("Frame 4"))
     bench.page.edit_pose({"root_tx": 0.01}, "Move")
     eventually(lambda: not read("Press the button"), "it has done its work")
-    notify("warning", "Frame 7 does not fit well", "Frame 9 does.")
-    page.locator("a[data-frame='9']:visible").first.click()
-    eventually(lambda: bench.state.frame == 9)
+    notify("warning", "Frame 7 does not fit well", "Frame 10 does.")
+    box = page.get_by_role("textbox", name="Frame", exact=True)
+    box.fill("11")
+    box.press("Enter")
+    eventually(lambda: bench.state.frame == 11)
+    box.press("Escape")
+    page.keyboard.press("Home")
+    eventually(
+        lambda: box.input_value() == "0", "what is typed by the link replaces another number"
+    )
+    page.locator("a[data-frame='10']:visible").first.click()
+    eventually(lambda: bench.state.frame == 10)
     view.show_tab("Messages")
     eventually(lambda: read("Press the button") and read("Cause11") and read("Nothing to undo"))
 
