@@ -45,10 +45,9 @@ from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document, moved_mm
 from handtrack_app.engine.document_snapshots import timeline_change
-from handtrack_app.engine.jobs import BackgroundJob, Work
 from handtrack_app.engine.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_observed
-from handtrack_app.engine.service import Service
+from handtrack_app.engine.service import BackgroundJob, Service, Work
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import FIXED
 from handtrack_app.protocol.calls import Command

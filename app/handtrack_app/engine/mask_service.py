@@ -25,13 +25,13 @@ from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import View
 from handtrack_app.engine.document import mask_source, usual_values
 from handtrack_app.engine.document_snapshots import possible_masks
-from handtrack_app.engine.jobs import BackgroundJob
-from handtrack_app.engine.service import Service
+from handtrack_app.engine.service import BackgroundJob, Service
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
     FILES,
     NO_MASKS,
+    Box,
     Notice,
 )
 
@@ -159,9 +159,7 @@ class MaskService(Service):
         return {"method": name, **usual_values(kind), **given}
 
     @Command(edits=True, tunes=True)
-    def mark_mask_box(
-        self, camera: str, what: str, box: tuple[int, int, int, int], frame: int
-    ) -> None:
+    def mark_mask_box(self, camera: str, what: str, box: Box, frame: int) -> None:
         """Take a box x, y, w, h [px] of a camera's undistorted image as region of interest (`roi`) or as skin (`sample`)."""
         view = self.document.session.view(camera)
         x, y, width, height = box

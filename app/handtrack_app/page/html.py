@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping
 import cv2
 import viser
 
-from handtrack.arrays import D3, Bytes, H, W
 from handtrack_app import viser_internals as internals
+from handtrack_app.protocol.snapshots import Image
 
 
 def text(words: str, faint: bool = True, kind: str = "") -> str:
@@ -57,7 +57,7 @@ def table(rows: str) -> str:
     return f"<table class='handtrack-table'>{rows}</table>"
 
 
-def picture(image: Bytes[H, W, D3], name: str = "") -> str:
+def picture(image: Image, name: str = "") -> str:
     """Return a picture RGB, which a browser shows together with the words that come with it; viser's own widget loads it first."""
     packed = cv2.imencode(".jpg", image[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, 80))[1]
     data = base64.b64encode(packed.tobytes()).decode()
@@ -73,7 +73,7 @@ def pictures(shown: Mapping[str, str], kind: str = "") -> str:
     return f"<div class='handtrack-pictures {kind}'>{figures}</div>"
 
 
-def sheet(frame: int, images: Mapping[str, Bytes[H, W, D3]]) -> str:
+def sheet(frame: int, images: Mapping[str, Image]) -> str:
     """Return the cameras' small pictures of a frame side by side."""
     return pictures({f"{name} {frame}": picture(one, name) for name, one in images.items()})
 

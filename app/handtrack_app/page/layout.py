@@ -18,8 +18,7 @@ from handtrack_app.page.page import DONE, GUIDE, INFO, Page, Part, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.export import ExportPanel
 from handtrack_app.page.panels.masks import MaskPanel
-from handtrack_app.page.panels.pose import PosePanel, certainty_table
-from handtrack_app.page.panels.pose_words import group_of
+from handtrack_app.page.panels.pose import PosePanel, certainty_table, group_of
 from handtrack_app.page.panels.review import NextStep, PlotsPanel, ReviewPanel
 from handtrack_app.page.panels.settings import LimitsPanel, RefitSwitch, SettingsPanel
 from handtrack_app.page.panels.tracking import LivePanel, TakesPanel, TrackingPanel

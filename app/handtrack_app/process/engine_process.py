@@ -47,10 +47,23 @@ def ending_words(code: int, memory: int | None) -> str:
     return f"The engine was ended from outside ({name})."
 
 
-def again_notice(how: str, outbox: Outbox, given_up: list[Call]) -> Notice:
-    """Return what the user is told when the engine begins again. outbox: what is done again; given_up: what is not."""
-    text, job = f"{how} It restarts from the saved state.", outbox.job
-    text += f" Not on disk yet, and done again now: {edits}." if (edits := outbox.words) else ""
+_BEGINS_AGAIN = (
+    "The engine was ended",
+    "It restarts from the saved state.",
+    " Not on disk yet, and done again now: {}.",
+)
+_STAYS_ENDED = (
+    "The engine stays ended",
+    "It does not restart by itself: 'Start again' (at the top) opens what is on disk.",
+    " Not on disk yet: {}; done again then.",
+)
+
+
+def end_notice(how: str, outbox: Outbox, given_up: list[Call]) -> Notice:
+    """Return what the user is told when the engine ended. outbox: what is done again; given_up: what is not."""
+    title, then, unwritten = _STAYS_ENDED if outbox.is_down else _BEGINS_AGAIN
+    text, job = f"{how} {then}", outbox.job
+    text += unwritten.format(edits) if (edits := outbox.words) else ""
     text += f" Given up: {named(given_up)}." if given_up else ""
     if outbox.stopped_at is not None:
         text += f" Tracking stopped at frame {outbox.stopped_at}; there, 'From here' (tab Track) goes on."
@@ -58,16 +71,7 @@ def again_notice(how: str, outbox: Outbox, given_up: list[Call]) -> Notice:
         text += f" The running job was interrupted ({job}); start it again."
     if outbox.recording:
         text += f" The recording in {outbox.recording} was interrupted: its videos are there, its session.toml is not."
-    return Notice("error", "The engine was ended", f"{text} Details: {ENGINE_LOG}")
-
-
-def down_notice(how: str, times: int, outbox: Outbox, given_up: list[Call]) -> Notice:
-    """Return what the user is told when the engine stays ended, after so many times within a minute."""
-    text = f"{how} That was {times} times within a minute." if times > 1 else how
-    text += " It does not restart by itself: 'Start again' (at the top) opens what is on disk."
-    text += f" Not on disk yet: {edits}; done again then." if (edits := outbox.words) else ""
-    text += f" Given up: {named(given_up)}." if given_up else ""
-    return Notice("error", "The engine stays ended", f"{text} Details: {ENGINE_LOG}")
+    return Notice("error", title, f"{text} Details: {ENGINE_LOG}")
 
 
 log = logging.getLogger(__name__)
@@ -219,11 +223,13 @@ class EngineProcess:
         if self._failure is not None:
             return False  # that was told
         how = ending_words(code, self._plan.memory)
+        if often:
+            how += f" That was {len(self._ends)} times within a minute."
+        notice = end_notice(how, outbox, given_up)
         if not outbox.is_down:
-            self._publish(again_notice(how, outbox, given_up))
+            self._publish(notice)
             self._publish(ProgressSnapshot("opening", _AGAIN))
             return True
-        notice = down_notice(how, len(self._ends) if often else 1, outbox, given_up)
         if not self._shown.is_set():
             self._failure = HandtrackError(notice.text)
             self._shown.set()

@@ -18,6 +18,11 @@ from handtrack.model.shape import ShapeNumber
 from handtrack.store.history import Span
 from handtrack_app.log import ENGINE_LOG
 
+Image = Bytes[H, W, D3]
+"""red, green, blue"""
+Box = tuple[int, int, int, int]
+"""x, y, width, height [px] in an image"""
+
 
 @dataclass(frozen=True)
 class ScoreSnapshot:
@@ -57,7 +62,7 @@ class MaskCameraCard:
     """a method's name, `files` or `none`"""
     values: dict[str, object]
     """the method's settings in force"""
-    roi: tuple[int, int, int, int] | None
+    roi: Box | None
     possible: tuple[str, ...]
     """methods that it has what it takes for"""
 
@@ -67,10 +72,10 @@ class PictureSnapshot:
     """Pictures of one frame, RGB."""
 
     frame: int
-    thumbnails: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
-    screens: dict[tuple[str, str], Bytes[H, W, D3]] = field(default_factory=dict)
+    thumbnails: dict[str, Image] = field(default_factory=dict)
+    screens: dict[tuple[str, str], Image] = field(default_factory=dict)
     """large, by camera and what is painted over it"""
-    masks: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
+    masks: dict[str, Image] = field(default_factory=dict)
     """small, the masks painted over the images"""
     corrected: dict[str, str] = field(default_factory=dict)
     """by camera of which a mask was made: whether this frame is corrected and how many are, in words"""
@@ -103,7 +108,7 @@ class CurvesSnapshot:
 class CloseSnapshot:
     """Small pictures RGB of frames as they are tracked, close to the model and with its outline."""
 
-    pictures: dict[int, Bytes[H, W, D3]]
+    pictures: dict[int, Image]
 
 
 # ---- The timeline: the whole recording, and what is new of it
@@ -508,7 +513,7 @@ class CloudPicture:
     """The picture of the cloud panel."""
 
     frame: int
-    images: dict[str, Bytes[H, W, D3]]
+    images: dict[str, Image]
     """RGB, by what they show"""
     wide: bool
     words: str

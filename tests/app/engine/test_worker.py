@@ -13,8 +13,8 @@ from handtrack.session.session_state import key_of
 from handtrack.store.store import Store
 from handtrack.tracking.frame.reason import Reason
 from handtrack_app.engine import open_session
-from handtrack_app.engine.jobs import BackgroundJob
 from handtrack_app.engine.open_session import COMMANDS
+from handtrack_app.engine.service import BackgroundJob
 from handtrack_app.engine.store import persistence
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Call, Mailbox

@@ -28,14 +28,14 @@ from handtrack_app.engine.document import Document, Moment
 from handtrack_app.engine.service import FramePictures, RenderThread
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.palette import FILTERS, KEPT, REJECTS
-from handtrack_app.protocol.snapshots import PictureSnapshot, Snapshot
+from handtrack_app.protocol.snapshots import Image, PictureSnapshot, Snapshot
 
 _THUMBNAIL = 240  # [px] height of a frustum's image
 _KEPT = 24  # undistorted images kept in memory
 _DARK, _LIGHT = 26, 150  # grey of a silhouette's background and hand, where a camera has no image
 
 
-def shrunk(image: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
+def shrunk(image: Image) -> Image:
     """Return an image no higher than a frustum's."""
     height, width = image.shape[:2]
     if height <= _THUMBNAIL:
@@ -43,7 +43,7 @@ def shrunk(image: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
     return as_wide(image, round(width * _THUMBNAIL / height))
 
 
-def as_wide(image: Bytes[H, W, D3], width: int) -> Bytes[H, W, D3]:
+def as_wide(image: Image, width: int) -> Image:
     """Return an image of another width [px]."""
     size = (width, max(round(width * image.shape[0] / image.shape[1]), 1))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)  # type: ignore[return-value]
@@ -56,7 +56,7 @@ class CameraPictures:
         self._maps: dict[Camera, Sequence[Array]] = {}
         self._plain = LRUCache[tuple[Camera, int], Bytes]()
 
-    def plain(self, view: View, frame: int) -> Bytes[H, W, D3]:
+    def plain(self, view: View, frame: int) -> Image:
         """Return a camera's undistorted picture RGB; its silhouette where it has no images."""
         key = view.camera, frame
         return self._plain.value(key, lambda: self._read(view, frame), lambda _: _KEPT)
@@ -77,7 +77,7 @@ class CameraPictures:
         kind = cv2.INTER_LINEAR if image.ndim > 2 else cv2.INTER_NEAREST
         return cv2.remap(image, *self._maps[camera], kind)  # type: ignore[return-value]
 
-    def painted(self, moment: Moment, name: str, over: str, small: bool = False) -> Bytes[H, W, D3]:
+    def painted(self, moment: Moment, name: str, over: str, small: bool = False) -> Image:
         """Return a camera's undistorted picture with the model of a moment painted over it.
 
         over: `outline`, `field` in place of the image, `residual` against the masks with a detector's joints, of a small picture the
@@ -129,9 +129,7 @@ _MOST = 12.0  # times enlarged at most, as in a view through a camera
 _THICK = 2  # [px] of the outline
 
 
-def close_up(
-    image: Bytes[H, W, D3], camera: Camera, ellipsoids: Ellipsoids, aside: int = -1
-) -> Bytes[H, W, D3]:
+def close_up(image: Image, camera: Camera, ellipsoids: Ellipsoids, aside: int = -1) -> Image:
     """Return the part of an undistorted image RGB that shows a model with its outline, `CLOSE_SIZE` large; all of it where none is before the camera.
 
     aside: a bone that may be cut off, a hand's forearm.
@@ -170,13 +168,13 @@ _LINE = (86, 180, 233)
 
 
 def points_picture(
-    image: Bytes[H, W, D3],
+    image: Image,
     camera: Camera,
     points: Floats[N, D3],
     fate: Array[N],
     names: tuple[str, ...],
     width: int,
-) -> Bytes[H, W, D3]:
+) -> Image:
     """Return an image RGB at a width [px], each point painted in the colour of the filter that dropped it.
 
     points: world [m]. fate: place of the filter in `names`, or their number for points that stay.
@@ -201,13 +199,13 @@ def _paint(picture: Bytes, pixels: Floats, colour: tuple[int, int, int], side: i
             picture[rows, np.minimum(x + right, picture.shape[1] - 1)] = colour
 
 
-def depth_picture(depth_m: Floats[H, W]) -> Bytes[H, W, D3]:
+def depth_picture(depth_m: Floats[H, W]) -> Image:
     """Return a depth image [m] in colours RGB, near is bright; black where nothing was measured."""
     known = np.isfinite(depth_m) & (depth_m > 0)
     return _coloured(np.where(known, -depth_m, np.nan))
 
 
-def stereo_pictures(view: StereoView) -> dict[str, Bytes[H, W, D3]]:
+def stereo_pictures(view: StereoView) -> dict[str, Image]:
     """Return what to show of a matched pair, RGB: both rectified images with lines along which they are compared,
     the disparity, and what was thrown away; cut to what was matched, and around it.
     """
@@ -403,7 +401,7 @@ def add_masks(
             made.masks[view.name] = shrunk(large)
 
 
-def _masked(maker: CameraPictures, view: View, frame: int) -> Bytes[H, W, D3]:
+def _masked(maker: CameraPictures, view: View, frame: int) -> Image:
     image, silhouette = maker.plain(view, frame), view.silhouette(frame)
     if silhouette is None:
         return image

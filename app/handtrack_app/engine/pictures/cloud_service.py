@@ -39,6 +39,7 @@ from handtrack_app.engine.service import FramePictures, Service
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import Command
 from handtrack_app.protocol.snapshots import (
+    Box,
     CloudPicture,
     CloudSelection,
     CloudSnapshot,
@@ -279,9 +280,7 @@ class CloudService(Service, FramePictures):
         self.store.do(f"Clouds: {names}", decide(clouds=now.table), names, is_stroke=slid)
 
     @Command(edits=True, latest=(), tunes=True)
-    def sample_skin(
-        self, frame: int, camera: str, box: tuple[int, int, int, int] | None, size: float
-    ) -> None:
+    def sample_skin(self, frame: int, camera: str, box: Box | None, size: float) -> None:
         """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame; None: to all images in which hand is painted."""
         settings, words = skin_in_force(self.document, frame, camera, box, size)
         self.store.do("Colour of skin", decide(clouds=settings.table), tag="skin")
@@ -289,7 +288,7 @@ class CloudService(Service, FramePictures):
 
 
 def skin_in_force(
-    document: Document, frame: int, camera: str, box: tuple[int, int, int, int] | None, size: float
+    document: Document, frame: int, camera: str, box: Box | None, size: float
 ) -> tuple[CloudSettings, str]:
     """Return the settings of [clouds] with the skin's colour from a box of a frame's image or from painted masks, and a sentence
     about it. Raises HandtrackError.

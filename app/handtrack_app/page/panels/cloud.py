@@ -14,9 +14,15 @@ from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.session_file import CLOUD_SETTINGS
 from handtrack_app.page.html import chip, escaped, line, picture, pictures, rgb, table, text
 from handtrack_app.page.page import Client, Panel, Part, put
-from handtrack_app.page.panels.settings import Box, SavedSettings, SettingWidget
+from handtrack_app.page.panels.settings import SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
-from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, SessionSnapshot
+from handtrack_app.protocol.snapshots import (
+    Box,
+    CloudCard,
+    CloudPicture,
+    CloudSnapshot,
+    SessionSnapshot,
+)
 
 _COLOURS = {"distance to the model": "residual", "measured colour": "own", "plain": "plain"}
 _PICTURES = {"cameras and points": "images", "stereo match": "stereo", "none": "none"}

@@ -14,7 +14,7 @@ from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.settings import TOLD, SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.viewpoint import Pixel
-from handtrack_app.protocol.snapshots import MaskCameraCard, PictureSnapshot, SessionSnapshot
+from handtrack_app.protocol.snapshots import Box, MaskCameraCard, PictureSnapshot, SessionSnapshot
 
 ALL = "all cameras"
 
@@ -116,7 +116,7 @@ class MaskPanel(Panel):
     def _drag(self, what: str, client: Client) -> None:
         camera = self.one_camera(client)
 
-        def marked(box: tuple[int, int, int, int]) -> None:
+        def marked(box: Box) -> None:
             self._show_masks(True)
             self.engine.mark_mask_box(camera, what, box, self.state.frame)
 

@@ -16,8 +16,7 @@ from handtrack.diagnostics.review import ReviewInterval
 from handtrack.store.history import Span
 from handtrack_app.page.html import bar, card, picture, text
 from handtrack_app.page.page import Client, Panel, Part, put
-from handtrack_app.page.panels.pose import GuessesPanel
-from handtrack_app.page.panels.pose_words import groups_of, title_of, unit_of
+from handtrack_app.page.panels.pose import GuessesPanel, groups_of, title_of, unit_of
 from handtrack_app.page.panels.tracking import TrackingPanel
 from handtrack_app.page.timeline import Window, extremes
 from handtrack_app.protocol.snapshots import (

@@ -21,7 +21,7 @@ from handtrack.tracking.frame.settings import SETTINGS
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, text
 from handtrack_app.page.page import Page, Panel, Part, put
-from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
+from handtrack_app.page.panels.pose import PLACE, groups_of, label_of, unit_of
 from handtrack_app.protocol.snapshots import (
     CLOUD,
     IMAGES,
@@ -32,8 +32,6 @@ from handtrack_app.protocol.snapshots import (
     SessionSnapshot,
 )
 
-Box = tuple[int, int, int, int]
-"""x, y, width, height [px]"""
 _OBSERVED_AS = {
     "silhouettes": SILHOUETTES, "cloud": CLOUD, "keypoints": KEYPOINTS, "edges": IMAGES, "intensity": IMAGES,
 }  # fmt: skip

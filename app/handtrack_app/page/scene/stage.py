@@ -13,14 +13,15 @@ import viser
 from handtrack.arrays import Floats
 from handtrack.geometry.camera import Camera
 from handtrack_app.page.page import Client, Display, Page, put
-from handtrack_app.page.scene.camera_view import (
+from handtrack_app.page.scene.grips import Grips, RootHandle
+from handtrack_app.page.scene.looking import (
     CameraRig,
     CloudView,
+    Looking,
     Moments,
+    Pointed,
     pixel_box,
 )
-from handtrack_app.page.scene.grips import Grips, RootHandle
-from handtrack_app.page.scene.looking import Looking, Pointed
 from handtrack_app.page.scene.model_view import (
     Ghosts,
     HandView,
@@ -37,6 +38,7 @@ from handtrack_app.protocol.palette import SURFACE
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     HAND_REACH_M,
+    Box,
     CloudSelection,
     CloudSnapshot,
     GuessesSnapshot,
@@ -298,7 +300,7 @@ class Stage:
         camera: str,
         client: Client,
         over: str,
-        marked: Callable[[tuple[int, int, int, int]], None],
+        marked: Callable[[Box], None],
     ) -> None:
         """Look through a camera, and hand over the next rectangle dragged over its image. over: what it is to show, in words."""
         if camera not in self.cameras.cards:

@@ -190,7 +190,7 @@ _STEPS = (
 
 Pixel = tuple[float, float]
 Place = tuple[float, float]
-Box = tuple[float, float, float, float]
+Area = tuple[float, float, float, float]
 """x, y, width, height [px]"""
 
 
@@ -238,7 +238,7 @@ def whole(card: Camera) -> Zoom:
     return Zoom(((card.size[0] - 1) / 2, (card.size[1] - 1) / 2))
 
 
-def around(card: Camera, box: Box, aspect: float) -> Zoom:
+def around(card: Camera, box: Area, aspect: float) -> Zoom:
     """Return what shows a box of the image, with what is around it, at most `MOST` times enlarged."""
     x, y, width, height = box
     zoom = _within(card, Zoom((x + width / 2, y + height / 2)))
@@ -265,7 +265,7 @@ def enlarged(card: Camera, zoom: Zoom, factor: float) -> Zoom:
     return replace(zoom, times=min(times, MOST)) if times > 1.0 else whole(card)
 
 
-def box_of(card: Camera, points: Floats[N, D3], radii: Floats[N]) -> Box | None:
+def box_of(card: Camera, points: Floats[N, D3], radii: Floats[N]) -> Area | None:
     """Return the box that balls, world [m], have in a camera's image; None where none is before it."""
     depth = card.to_camera(points)[:, 2]
     ahead = depth > radii + 1e-6
