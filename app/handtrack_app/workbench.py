@@ -15,6 +15,7 @@ from functools import partial
 import viser
 
 from handtrack.session.bundled import working_folder
+from handtrack_app import protocol
 from handtrack_app import viser_internals as internals
 from handtrack_app.access.address import choose_port, host_warning, is_loopback
 from handtrack_app.access.web_server import WebServer, show_in_browser, start_web_server
@@ -25,13 +26,12 @@ from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.timeline import Drawn, InFlight, Player
 from handtrack_app.process.child import EngineChild, EnginePlan
 from handtrack_app.process.engine_process import EngineProcess
-from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.calls import Mailbox
+from handtrack_app.protocol import Mailbox
 
 log = logging.getLogger(__name__)
 _PATIENCE_S = 20.0  # the browser opens at the latest after this; the page says what goes on
 _STOP_S = 5.0  # what is done is on disk; an engine that is deep in a compilation, half a minute, is not waited for
-_FIRST = (snapshots.SessionSnapshot, snapshots.PoseSnapshot, snapshots.TimelineSnapshot)
+_FIRST = (protocol.SessionSnapshot, protocol.PoseSnapshot, protocol.TimelineSnapshot)
 _LIVE_STOP_S = 15.0  # a recording of running cameras is completed at the end
 
 
@@ -39,9 +39,9 @@ def _kind_of(snapshot: object) -> Hashable | None:
     """Return what a newer snapshot has in common with one that still waits, and that it replaces; None: it replaces none. Of progress
     each state is told: who waits for a job's beginning or end misses neither, however quick the job.
     """
-    if isinstance(snapshot, snapshots.Notice | snapshots.Download | snapshots.TimelineChange):
+    if isinstance(snapshot, protocol.Notice | protocol.Download | protocol.TimelineChange):
         return None
-    is_progress = isinstance(snapshot, snapshots.ProgressSnapshot)
+    is_progress = isinstance(snapshot, protocol.ProgressSnapshot)
     return type(snapshot), snapshot.state if is_progress else ""
 
 
@@ -51,7 +51,7 @@ class Workbench:
     def __init__(
         self,
         plan: EnginePlan,
-        engine: Callable[[Callable[[snapshots.Snapshot], None]], EngineProcess],
+        engine: Callable[[Callable[[protocol.Snapshot], None]], EngineProcess],
         host: str = "127.0.0.1",
         port: int = 8080,
         demo: bool = False,
@@ -64,8 +64,8 @@ class Workbench:
         self._open_pages, self._is_demo = open_pages, demo
         self.folder, self.host, self.wanted_port = plan.folder, host, port
         self.state = UserState()
-        self._snapshots: Mailbox[snapshots.Snapshot | Drawn] = Mailbox(_kind_of)
-        self._held: snapshots.PoseSnapshot | None = None
+        self._snapshots: Mailbox[protocol.Snapshot | Drawn] = Mailbox(_kind_of)
+        self._held: protocol.PoseSnapshot | None = None
         """of a frame that is played, until the page has drawn the one before"""
         self.worker = engine(self._snapshots.put)
         self._ends_within_s = _STOP_S if plan.live is None else _LIVE_STOP_S
@@ -181,20 +181,20 @@ class Workbench:
 
     def _build(
         self,
-        session: snapshots.SessionSnapshot,
-        pose: snapshots.PoseSnapshot,
-        strip: snapshots.TimelineSnapshot,
+        session: protocol.SessionSnapshot,
+        pose: protocol.PoseSnapshot,
+        strip: protocol.TimelineSnapshot,
     ) -> None:
         """Build scene and panels, and have snapshots shown in them."""
         subscribe, server, state = self.page.subscribe, self.server, self.state
         state.kind, state.session, state.strip = session.kind, session, strip
-        subscribe(snapshots.SessionSnapshot, self._show_session)
+        subscribe(protocol.SessionSnapshot, self._show_session)
         self.stage = Stage(self.page, pose)
         self.layout.build(self.stage, pose)
-        subscribe(snapshots.PoseSnapshot, self._take_pose)
+        subscribe(protocol.PoseSnapshot, self._take_pose)
         subscribe(Drawn, self._show_held)
-        subscribe(snapshots.ProgressSnapshot, self._show_progress)
-        subscribe(snapshots.RerunPage, self._show_rerun)
+        subscribe(protocol.ProgressSnapshot, self._show_progress)
+        subscribe(protocol.RerunPage, self._show_rerun)
         self._watch = self.stage.clear_late
         self.page.watch(self._see_ready)
         self.layout.help.offers_tour = self._is_demo
@@ -203,14 +203,14 @@ class Workbench:
         for hear in (server.on_client_connect, server.on_client_disconnect):
             hear(lambda _: self.redraw())
 
-    def _show_session(self, session: snapshots.SessionSnapshot) -> None:
+    def _show_session(self, session: protocol.SessionSnapshot) -> None:
         with self.state.lock:
             if self.state.names != session.parameter_names:
                 self.state.values = ()
             self.state.session, self.state.awaited = session, None
         self.player.fps = session.fps
 
-    def _take_pose(self, pose: snapshots.PoseSnapshot) -> None:
+    def _take_pose(self, pose: protocol.PoseSnapshot) -> None:
         if pose.beside is None:  # somebody went elsewhere, or another engine began
             self._held = None
             self._show_pose(pose)
@@ -225,7 +225,7 @@ class Workbench:
         if held is not None:
             self._show_pose(held)
 
-    def _show_progress(self, progress: snapshots.ProgressSnapshot) -> None:
+    def _show_progress(self, progress: protocol.ProgressSnapshot) -> None:
         tracking = progress.state in ("tracking", "preparing")
         if self.state.tracking != tracking:
             self.state.tracking = tracking
@@ -235,19 +235,19 @@ class Workbench:
             is_tracked = bool((self.state.strip.status >= 0).any())
             self.state.playing = is_tracked and not self.state.version  # nobody edits yet
 
-    def _show_rerun(self, rerun: snapshots.RerunPage) -> None:
+    def _show_rerun(self, rerun: protocol.RerunPage) -> None:
         print(f"handtrack: residuals are at {rerun.url}", flush=True)
         if self._open_pages:
             webbrowser.open(rerun.url)
 
-    def _show_pose(self, pose: snapshots.PoseSnapshot) -> None:
+    def _show_pose(self, pose: protocol.PoseSnapshot) -> None:
         if len(pose.values) != len(self.state.names):
             return  # of a model that is about to be told, with this pose again
         with self.state.lock:
             newest = pose.version >= self.state.version and not self.state.is_late(pose.frame)
             if newest:
                 self.state.frame, self.state.awaited = pose.frame, None
-                self.state.shows_before = pose.origin == snapshots.BEFORE
+                self.state.shows_before = pose.origin == protocol.BEFORE
                 if not self.state.shows_before:  # edits go on from what is
                     self.state.values_at = pose.frame
                     self.state.values = tuple(pose.values.tolist())

@@ -24,7 +24,7 @@ from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.process.engine_process import EngineProcess
-from handtrack_app.protocol.snapshots import Hold
+from handtrack_app.protocol import Hold
 from handtrack_app.workbench import Workbench
 from tests.experiments.workbench.chromium import DRAWN, chromium
 

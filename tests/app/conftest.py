@@ -8,7 +8,7 @@ import pytest
 
 from handtrack import HandtrackError
 from handtrack_app.cli import main
-from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.engine.persistence import Persistence
 from tests.app.cloudy_session import cloudy_session
 from tests.app.command_line import CommandLine, small_recording
 from tests.app.desk import shown, working

@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+from handtrack_app import protocol
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.open_session import COMMANDS
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.page import UserState
 from handtrack_app.process.child import EnginePlan
-from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.calls import Call, Caller, Engine
+from handtrack_app.protocol import Call, Caller, Engine
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 
@@ -23,10 +23,10 @@ class Listener:
     """Keeps every snapshot, pickled and unpickled as a process would get it."""
 
     def __init__(self) -> None:
-        self.seen: list[snapshots.Snapshot] = []
+        self.seen: list[protocol.Snapshot] = []
         self._came = threading.Condition()
 
-    def publish(self, snapshot: snapshots.Snapshot) -> None:
+    def publish(self, snapshot: protocol.Snapshot) -> None:
         copy = pickle.loads(pickle.dumps(snapshot))
         with self._came:
             self.seen.append(copy)
@@ -46,32 +46,32 @@ class Listener:
             return find()
 
     @property
-    def notices(self) -> list[snapshots.Notice]:
-        return [s for s in self.seen if isinstance(s, snapshots.Notice)]
+    def notices(self) -> list[protocol.Notice]:
+        return [s for s in self.seen if isinstance(s, protocol.Notice)]
 
-    def pose(self, version: int) -> snapshots.PoseSnapshot:
-        return self.wait(snapshots.PoseSnapshot, lambda p: p.version == version)
+    def pose(self, version: int) -> protocol.PoseSnapshot:
+        return self.wait(protocol.PoseSnapshot, lambda p: p.version == version)
 
-    def told(self, words: str, after: int = 0) -> snapshots.Notice:
-        return self.wait(snapshots.Notice, lambda n: words in f"{n.title}: {n.text}", after)
+    def told(self, words: str, after: int = 0) -> protocol.Notice:
+        return self.wait(protocol.Notice, lambda n: words in f"{n.title}: {n.text}", after)
 
-    def refused(self) -> snapshots.Notice:
-        return self.wait(snapshots.Notice, lambda n: n.level == "error")
+    def refused(self) -> protocol.Notice:
+        return self.wait(protocol.Notice, lambda n: n.level == "error")
 
 
 class EngineInThreads(Worker):
     """The engine on threads of this process, with the face of EngineProcess: quickly started, and its document can be looked at."""
 
-    def __init__(self, plan: EnginePlan, publish: Callable[[snapshots.Snapshot], None]) -> None:
+    def __init__(self, plan: EnginePlan, publish: Callable[[protocol.Snapshot], None]) -> None:
         super().__init__(plan, self._record)
         self._publish_on = publish
         self._opened = {is_whole: threading.Event() for is_whole in (False, True)}
         self._why: Exception | None = None
         self.engine = cast("Engine", Caller(lambda *asked: self.send(Call.of(COMMANDS, *asked))))
 
-    def _record(self, snapshot: snapshots.Snapshot) -> None:
+    def _record(self, snapshot: protocol.Snapshot) -> None:
         self._publish_on(snapshot)
-        if isinstance(snapshot, snapshots.Opened):
+        if isinstance(snapshot, protocol.Opened):
             self._why = snapshot.failure
             self._opened[snapshot.is_whole].set()
 
@@ -111,7 +111,7 @@ def working(folder: Path, opener: Any = None) -> tuple[EngineInThreads, Listener
     plan = EnginePlan(folder, opener=opener, preview=False)
     worker = EngineInThreads(plan, listener.publish)
     worker.start()
-    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
+    listener.wait(protocol.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
     return worker, listener
 
 
@@ -133,7 +133,7 @@ def shown(folder: Path, **options: Any) -> Iterator[Workbench]:
 
 
 def pose_with(listener: Listener, **changes: float) -> tuple[float, ...]:
-    session, pose = listener.wait(snapshots.SessionSnapshot), listener.wait(snapshots.PoseSnapshot)
+    session, pose = listener.wait(protocol.SessionSnapshot), listener.wait(protocol.PoseSnapshot)
     values = dict(zip(session.parameter_names, pose.values, strict=True)) | changes
     return tuple(float(v) for v in values.values())
 

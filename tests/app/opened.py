@@ -5,8 +5,8 @@ from typing import Any
 
 from handtrack.session.session_state import Edit
 from handtrack_app.engine import opening
+from handtrack_app.engine.persistence import Persistence
 from handtrack_app.engine.posing_service import pose as pose_edit
-from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import fake_document
 
 

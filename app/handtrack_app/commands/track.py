@@ -57,7 +57,7 @@ from handtrack_app.commands.terminal.track_options import (
 )
 
 if TYPE_CHECKING:
-    from handtrack_app.rerun.recorder import ResidualRecorder
+    from handtrack_app.rerun_recorder import ResidualRecorder
 
 _PROGRAM = "handtrack track"
 
@@ -109,7 +109,7 @@ def run(options: Namespace) -> int:
             print_status("note: --size-later has no effect: the size is fixed, not fitted.")
         recorder = None
         if options.rerun or options.rerun_save:
-            from handtrack_app.rerun.recorder import ResidualRecorder
+            from handtrack_app.rerun_recorder import ResidualRecorder
 
             recorder = ResidualRecorder(
                 run_, options.rerun, options.rerun_save, options.rerun_frame, lambda url: print_status(f"residuals are shown at {url}")

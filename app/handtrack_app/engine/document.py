@@ -46,7 +46,7 @@ from handtrack.store.store import Store
 from handtrack.store.take import CurrentTrack, Head, TakeFrames
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
     COST,
     ERROR,
     MOVED,

@@ -24,7 +24,7 @@ from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document, mask_source
 from handtrack_app.engine.inverse_kinematics import stem_bones
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
     BEFORE,
     CLOUD,
     ERROR,

@@ -42,16 +42,16 @@ from handtrack.tracking.frame.confidence import OutlineFit, hand_words
 from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.frame.result import FrameHead, FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
+from handtrack_app.engine import edits
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document, moved_mm
 from handtrack_app.engine.document_snapshots import timeline_change
 from handtrack_app.engine.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_observed
+from handtrack_app.engine.persistence import FIXED
 from handtrack_app.engine.service import BackgroundJob, Service, Work
-from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.persistence import FIXED
-from handtrack_app.protocol.calls import Command
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
+    Command,
     Guess,
     GuessesSnapshot,
     Notice,
@@ -251,8 +251,17 @@ class JobControl(Service):
         if (job := self._job) is not None:
             job.cancel()
 
-    def give_way(self) -> None:
-        """Let the job wait a moment: somebody moves the hand."""
+    def set_following(self, on: bool) -> None:
+        """Show each frame as it is tracked, or not."""
+        self.follows = on
+
+    def stop_following(self, **_: object) -> None:
+        """Show tracked frames no more as they come: somebody looks at a frame."""
+        self.follows = False
+
+    def give_way(self, **_: object) -> None:
+        """Let the job wait a moment, too: somebody drags, which calls twenty times a second."""
+        self.follows = False
         if (job := self._job) is not None:
             job.give_way()
 
@@ -434,7 +443,7 @@ class JobControl(Service):
 
         self.begin("finding", work)
 
-    @Command(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follows", on))
+    @Command(view=True, latest=(), at_once="set_following")
     def follow(self, on: bool) -> None:
         """Whether each frame is shown as it is tracked."""
 
@@ -669,17 +678,6 @@ class _Following(Observer):
 def _fixed(job: BackgroundJob) -> tuple[int, ...]:
     """Return the frames whose poses were fixed."""
     return () if job.request is None else tuple(job.request.fixed)
-
-
-def stops_following(jobs: JobControl, **_: object) -> None:
-    """Somebody looks at a frame: tracked frames are not shown any more as they come."""
-    jobs.follows = False
-
-
-def drags(jobs: JobControl, **_: object) -> None:
-    """Somebody drags, which calls twenty times a second: tracking gives way."""
-    jobs.follows = False
-    jobs.give_way()
 
 
 # ---- The poses that a frame may have: found without a first pose, or carried along by the tracker

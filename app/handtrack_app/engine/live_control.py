@@ -16,7 +16,7 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.opening import placed_in_view
 from handtrack_app.process.child import LiveOptions
-from handtrack_app.protocol.snapshots import COUNTED, LiveSnapshot, Notice, Snapshot
+from handtrack_app.protocol import COUNTED, LiveSnapshot, Notice, Snapshot
 
 _REPORT_EVERY_S = 0.5
 KEEPS_NOTHING = "A live source keeps no files of its own: press 'Record', and open the recording, where everything can be saved."

@@ -23,15 +23,15 @@ from handtrack.errors import HandtrackError
 from handtrack.session.session_state import Correction, Edit, MaskSource, decide
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import View
+from handtrack_app.engine import edits
 from handtrack_app.engine.document import mask_source, usual_values
 from handtrack_app.engine.document_snapshots import possible_masks
 from handtrack_app.engine.service import BackgroundJob, Service
-from handtrack_app.engine.store import edits
-from handtrack_app.protocol.calls import Command
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
     FILES,
     NO_MASKS,
     Box,
+    Command,
     Notice,
 )
 

@@ -12,6 +12,9 @@ from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.session_state import Edit
 from handtrack.store.history import Action
 from handtrack.tracking.frame.result import FrameResult
+from handtrack_app.engine import edits
+from handtrack_app.engine.camera_pictures import Painter
+from handtrack_app.engine.cloud_service import CloudService
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
@@ -20,26 +23,25 @@ from handtrack_app.engine.document_snapshots import (
     session_snapshot,
     timeline_snapshot,
 )
-from handtrack_app.engine.job_control import JobControl, stops_following
+from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_observed
-from handtrack_app.engine.pictures.camera_pictures import Painter
-from handtrack_app.engine.pictures.cloud_service import CloudService
+from handtrack_app.engine.persistence import Persistence, export_beside
 from handtrack_app.engine.posing_service import LiveScore, PosingService
 from handtrack_app.engine.review_service import ReviewService
 from handtrack_app.engine.service import RenderThread
-from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.persistence import Persistence, export_beside
 from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.process.child import EnginePlan
-from handtrack_app.protocol.calls import Call, Command, commands_of
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
+    Call,
+    Command,
     Notice,
     Snapshot,
     WorkSnapshot,
+    commands_of,
 )
-from handtrack_app.rerun.recorder import LiveRecorder
+from handtrack_app.rerun_recorder import LiveRecorder
 
 _UNFIT = ("overlap", "out of view", "part outside", "beside")
 """reasons for which a pose is asked about before it is a first pose"""
@@ -151,7 +153,7 @@ class OpenSession:
         finally:
             self._served = call.number or self._served
 
-    @Command(latest=(), is_ordered=True, at_once=stops_following)
+    @Command(latest=(), is_ordered=True, at_once="stop_following")
     def show_frame(self, frame: int, is_played: bool = False) -> None:
         """Show another frame. is_played: it is sent with all its pictures at one time; of a frame that somebody went to, they come
         later.
@@ -161,12 +163,12 @@ class OpenSession:
         self.document.show(frame)
         self.show_pose(is_played)
 
-    @Command(edits=True, at_once=stops_following)
+    @Command(edits=True, at_once="stop_following")
     def undo(self, version: int) -> None:
         """Take the latest step back: a pose, a setting, limits, filters, a size, a take."""
         self._travel(self.store.undo, "Undone", "Nothing to undo")
 
-    @Command(edits=True, at_once=stops_following)
+    @Command(edits=True, at_once="stop_following")
     def redo(self, version: int) -> None:
         """Make the step again that was undone last."""
         self._travel(self.store.redo, "Redone", "Nothing to redo")
@@ -199,12 +201,12 @@ class OpenSession:
         if self._live is not None:
             self._live.record(on, folder)
 
-    @Command(at_once=JobControl.pause)
+    @Command(at_once="pause")
     def pause(self, on: bool) -> None:
         """Hold tracking before its next frame, or go on."""
         self.jobs.show_progress()
 
-    @Command(at_once=JobControl.cancel)
+    @Command(at_once="cancel")
     def cancel(self) -> None:
         """Stop tracking now; frames tracked so far stay."""
         self._tuning.cancel()
@@ -250,7 +252,7 @@ class OpenSession:
         """
         export_beside(self.document, kind, client_id, up, self.publish)
 
-    @Command(edits=True, at_once=stops_following)
+    @Command(edits=True, at_once="stop_following")
     def take_guess(self, frame: int, index: int, version: int) -> None:
         """Set the pose of a frame to one of the list."""
         taken = self.jobs.guesses.take(frame, index)

@@ -22,8 +22,8 @@ from handtrack.store.store import Store
 from handtrack.tracking.search.keypoint_start import FEWEST, placed_on_points
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import observed_kinds
-from handtrack_app.engine.store.persistence import show_track_file
-from handtrack_app.protocol.snapshots import IMAGES
+from handtrack_app.engine.persistence import show_track_file
+from handtrack_app.protocol import IMAGES
 
 # the share of points that are nearest, and how far behind them a hand may reach
 _NEAR, _DEEP_M = (0.02, 0.15)

@@ -31,10 +31,8 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.pulling import pulled
 from handtrack_app.engine.document import Document, cost_parts, pinning
 from handtrack_app.engine.inverse_kinematics import reach
-from handtrack_app.engine.job_control import drags, stops_following
 from handtrack_app.engine.service import Service
-from handtrack_app.protocol.calls import Command
-from handtrack_app.protocol.snapshots import Hold, Notice, ScoreSnapshot, Snapshot
+from handtrack_app.protocol import Command, Hold, Notice, ScoreSnapshot, Snapshot
 
 _SOURCES = {
     "shown": "Keyframe",
@@ -64,7 +62,7 @@ class PosingService(Service):
 
     _pull: Pull | None = None
 
-    @Command(edits=True, latest=("frame", "tag"), at_once=drags)
+    @Command(edits=True, latest=("frame", "tag"), at_once="give_way")
     def set_pose(
         self,
         frame: int,
@@ -83,7 +81,7 @@ class PosingService(Service):
         if version >= self.document.version:
             self.opened.edit(frame, pose(self.document, frame, values), words, tag, is_stroke)
 
-    @Command(edits=True, at_once=stops_following)
+    @Command(edits=True, at_once="stop_following")
     def take_pose(self, frame: int, source: str, version: int) -> None:
         """Set a frame's pose by hand to the one that shows there (`shown`: a keyframe), to `start` (the first-frame pose), `previous`
         (the frame before), or a pose of the library, for the fingers.
@@ -107,7 +105,7 @@ class PosingService(Service):
     @Command(
         edits=True,
         latest=("frame", "hold", "tag"),
-        at_once=drags,
+        at_once="give_way",
     )
     def pull_place(
         self,
@@ -126,13 +124,13 @@ class PosingService(Service):
         edit = pose(document, frame, reached.tolist())
         self.opened.edit(frame, edit, f"Pull of {hold.words}", tag, True)
 
-    @Command(edits=True, at_once=stops_following)
+    @Command(edits=True, at_once="stop_following")
     def forget_pose(self, frame: int, version: int) -> None:
         """Drop what was set by hand at a frame; the tracked pose shows again."""
         forgotten = decide(pose={frame: None}) if frame in self.document.by_hand else NOTHING
         self.opened.edit(frame, forgotten, "Pose dropped")
 
-    @Command(at_once=stops_following)
+    @Command(at_once="stop_following")
     def look_before(self, on: bool) -> None:
         """Show the frame's pose as it was before the last step that changed it, or as it is; a look, no edit."""
         document = self.document
@@ -145,7 +143,7 @@ class PosingService(Service):
     @Command(
         edits=True,
         latest=("frame", "camera", "tag"),
-        at_once=drags,
+        at_once="give_way",
     )
     def set_pin(
         self,
@@ -174,7 +172,7 @@ class PosingService(Service):
         edit = self._led(self._pull, (*others, pin), by_images)
         self.opened.edit(frame, edit, f"Pin of {hold.words} in {camera}", tag, True)
 
-    @Command(edits=True, at_once=stops_following)
+    @Command(edits=True, at_once="stop_following")
     def drop_pins(
         self, frame: int, which: int | None, version: int, by_images: bool = True
     ) -> None:

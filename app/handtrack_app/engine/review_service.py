@@ -13,14 +13,14 @@ from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import decide
 from handtrack.tracking.frame.result import FrameResult
+from handtrack_app.engine import edits
+from handtrack_app.engine.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.document import Moment
 from handtrack_app.engine.document_snapshots import pose_snapshot
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.service import Service
-from handtrack_app.engine.store import edits
-from handtrack_app.protocol.calls import Command
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
     CloseSnapshot,
+    Command,
     Curve,
     CurvesSnapshot,
     Notice,

@@ -10,7 +10,7 @@ from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from handtrack_app.protocol.snapshots import Notice, Snapshot
+from handtrack_app.protocol import Notice, Snapshot
 
 if TYPE_CHECKING:
     from handtrack_app.engine.job_control import JobControl

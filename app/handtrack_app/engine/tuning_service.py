@@ -11,11 +11,10 @@ from handtrack.arrays import Floats, P
 from handtrack.model.size import with_number
 from handtrack.session.session_state import Edit, decide
 from handtrack.tracking.pulling import fitted_again
+from handtrack_app.engine import edits
 from handtrack_app.engine.posing_service import set_pose
 from handtrack_app.engine.service import NewestFirst, Service
-from handtrack_app.engine.store import edits
-from handtrack_app.protocol.calls import Command
-from handtrack_app.protocol.snapshots import FileKind, Notice
+from handtrack_app.protocol import Command, FileKind, Notice
 
 if TYPE_CHECKING:
     from handtrack_app.engine.open_session import OpenSession

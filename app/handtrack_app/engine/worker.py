@@ -9,6 +9,7 @@ from pathlib import Path
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine import opening
+from handtrack_app.engine.camera_pictures import Painter
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
@@ -18,13 +19,20 @@ from handtrack_app.engine.document_snapshots import (
 )
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.open_session import OpenSession
-from handtrack_app.engine.pictures.camera_pictures import Painter
 from handtrack_app.engine.posing_service import pose
 from handtrack_app.engine.service import RenderThread
 from handtrack_app.process.child import EnginePlan
-from handtrack_app.protocol.calls import Call, Command, Mailbox, commands_of
-from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Snapshot
-from handtrack_app.rerun.recorder import LiveRecorder
+from handtrack_app.protocol import (
+    Call,
+    Command,
+    Mailbox,
+    Notice,
+    Opened,
+    ProgressSnapshot,
+    Snapshot,
+    commands_of,
+)
+from handtrack_app.rerun_recorder import LiveRecorder
 
 
 class Preview(Painter):
@@ -86,8 +94,8 @@ class Worker:
 
     def send(self, call: Call) -> None:
         """Take a call; returns at once. Stopping and pausing act before the call's turn."""
-        if self.session is not None and call.command.at_once is not None:
-            call.command.at_once(self.session.jobs, **call.arguments)
+        if self.session is not None and (act := call.command.at_once):
+            getattr(self.session.jobs, act)(**call.arguments)
         self._mail.put(call)
 
     def stop(self, timeout: float = 5.0) -> None:

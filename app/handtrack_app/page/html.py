@@ -11,7 +11,7 @@ import cv2
 import viser
 
 from handtrack_app import viser_internals as internals
-from handtrack_app.protocol.snapshots import Image
+from handtrack_app.protocol import Image
 
 
 def text(words: str, faint: bool = True, kind: str = "") -> str:

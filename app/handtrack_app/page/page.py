@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 import viser
 
 from handtrack_app import viser_internals as internals
-from handtrack_app.protocol.calls import Engine
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
+    Engine,
     Notice,
     ProgressSnapshot,
     SessionSnapshot,

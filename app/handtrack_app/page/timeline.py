@@ -20,8 +20,8 @@ from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import chip
 from handtrack_app.page.page import Page, Panel, UserState, put
 from handtrack_app.page.panels.pose import status_of
-from handtrack_app.protocol.palette import SEARCH_RESULT, STATUS, TERMS
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.palette import SEARCH_RESULT, STATUS, TERMS
+from handtrack_app.protocol import (
     COST,
     ERROR,
     MOVED,

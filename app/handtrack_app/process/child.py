@@ -232,8 +232,7 @@ def serve(pipe: Connection, log: Path) -> None:
 def _serve(pipe: Connection) -> None:
     from handtrack_app.engine.open_session import COMMANDS  # seconds, if all is compiled
     from handtrack_app.engine.worker import Worker
-    from handtrack_app.protocol.calls import Call, portable
-    from handtrack_app.protocol.snapshots import Opened
+    from handtrack_app.protocol import Call, Opened
 
     sending, asked, waits = threading.Lock(), threading.Event(), [_ALONE_S]
 
@@ -248,7 +247,7 @@ def _serve(pipe: Connection) -> None:
         except MemoryError:  # the next one may be smaller
             logging.getLogger(__name__).exception("could not send %s", type(message).__name__)
 
-    publish(portable(COMMANDS))
+    publish(COMMANDS)
     plan = pipe.recv()
     assert isinstance(plan, EnginePlan)
     limit_memory(plan.memory)

@@ -15,8 +15,11 @@ from uuid import uuid4
 from handtrack.errors import HandtrackError
 from handtrack_app.log import ENGINE_LOG
 from handtrack_app.process.child import GB, EngineChild, EnginePlan
-from handtrack_app.protocol.calls import Call, Caller, Commands, Engine
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
+    Call,
+    Caller,
+    Commands,
+    Engine,
     LiveSnapshot,
     Notice,
     Opened,

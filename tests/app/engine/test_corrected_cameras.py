@@ -9,8 +9,8 @@ from handtrack import Session
 from handtrack.session.doctor.examine import examine
 from handtrack.session.track_session import keyframe_result
 from handtrack.tracking.whole.refinement import CameraError, Refinement
-from handtrack_app.engine.store import edits
-from handtrack_app.protocol.snapshots import TimelineSnapshot
+from handtrack_app.engine import edits
+from handtrack_app.protocol import TimelineSnapshot
 from tests.app.command_line import small_recording
 from tests.app.desk import a_desk
 from tests.app.opened import opened_recording

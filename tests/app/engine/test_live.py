@@ -5,9 +5,9 @@ import pytest
 
 from handtrack import Session, TrackingRun, read_npz
 from handtrack.session import live_session
+from handtrack_app import protocol
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.process.child import LiveOptions
-from handtrack_app.protocol import snapshots
 from tests.app.desk import working
 from tests.app.waiting import eventually
 from tests.live_cameras import ScriptedDevice
@@ -33,7 +33,7 @@ class Studio:
             device.show(hand_image(x))
 
     def wait_for_pose(self, test):
-        return self.listener.wait(snapshots.PoseSnapshot, test)
+        return self.listener.wait(protocol.PoseSnapshot, test)
 
     def stop(self):
         for device in self.devices:
@@ -51,7 +51,7 @@ def studio(tmp_path, monkeypatch):
 
 
 def test_the_newest_images_are_watched_until_the_hand_is_posed(studio):
-    assert studio.listener.wait(snapshots.SessionSnapshot).live
+    assert studio.listener.wait(protocol.SessionSnapshot).live
     studio.show()
     pose = studio.wait_for_pose(lambda p: p.frame >= 1)
     values = tuple(float(v) for v in pose.values)
@@ -69,7 +69,7 @@ def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
     new = tmp_path / "new"
     before = sorted(path.name for path in studio.folder.iterdir())
     studio.worker.engine.record(True, str(new))
-    studio.listener.wait(snapshots.LiveSnapshot, lambda s: s.recording == str(new))
+    studio.listener.wait(protocol.LiveSnapshot, lambda s: s.recording == str(new))
     studio.worker.engine.track_live()
     eventually(lambda: studio.worker.busy)
     feed = studio.worker.document.session.live
@@ -78,7 +78,7 @@ def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
         eventually(lambda count=count: feed.counts["cam0"]["used"] >= count)
     eventually(lambda: len(studio.worker.document.results) >= 3)
     studio.worker.engine.cancel()
-    ended = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking ended")
+    ended = studio.listener.wait(protocol.Notice, lambda n: n.title == "Tracking ended")
     assert "cam0: " in ended.text
     results = studio.worker.document.results
     assert sorted(results) == list(range(min(results), max(results) + 1))
@@ -105,7 +105,7 @@ def test_a_camera_that_goes_is_told_once_and_all_of_them_end_tracking(studio):
     studio.listener.told("disconnected")
     studio.worker.engine.track_live()
     studio.devices[1].fail(3)
-    stopped = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking stopped")
+    stopped = studio.listener.wait(protocol.Notice, lambda n: n.title == "Tracking stopped")
     assert "camera 'cam0'" in stopped.text and "camera 'cam1'" in stopped.text
 
 

@@ -9,7 +9,7 @@ from handtrack.capture.masks.mask_correction import HAND, empty_layer, painted
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.files.atomic import versions
 from handtrack.session.sources.corrected_masks import encoded
-from handtrack_app.protocol import snapshots
+from handtrack_app import protocol
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
 from tests.app.desk import working
 from tests.app.waiting import eventually
@@ -26,7 +26,7 @@ def method(told, camera="cam0"):
 
 def masks_told(listener, test):
     """Return the session, once the page is told of such."""
-    return listener.wait(snapshots.SessionSnapshot, test)
+    return listener.wait(protocol.SessionSnapshot, test)
 
 
 def stroke(worker, frame=0, brush="hand"):
@@ -43,7 +43,7 @@ def file_of(folder, frame=0):
 
 def test_a_method_is_tried_over_all_cameras_at_once(cloudy_desk, tmp_path):
     (worker, listener), folder = cloudy_desk, tmp_path
-    first = listener.wait(snapshots.SessionSnapshot)
+    first = listener.wait(protocol.SessionSnapshot)
     assert [method(first, c.name) for c in first.masks] == ["none", "none"]
     assert "skin_ycrcb" in first.masks[0].possible
     assert {"seeded", "depth_range", "files"}.isdisjoint(first.masks[0].possible)
@@ -56,7 +56,7 @@ def test_a_method_is_tried_over_all_cameras_at_once(cloudy_desk, tmp_path):
     def is_dark(cam0, cam1):
         return cam0[Y, X].mean() > 100 and cam0[5, 5].mean() < 20
 
-    listener.wait(snapshots.PictureSnapshot, lambda p: p.masks and is_dark(**p.masks))
+    listener.wait(protocol.PictureSnapshot, lambda p: p.masks and is_dark(**p.masks))
     worker.engine.set_masks("cam1", {"y_min": 255})
     changed = masks_told(listener, lambda c: c.masks[1].values.get("y_min") == 255)
     assert changed.masks[0].values["y_min"] == 40
@@ -97,7 +97,7 @@ def test_a_stroke_becomes_a_file_and_is_undone(cloudy_desk, tmp_path):
     worker.engine.want_pictures(True, "plain", masks=True)
     stroke(worker)
     listener.wait(
-        snapshots.PictureSnapshot,
+        protocol.PictureSnapshot,
         lambda p: p.corrected.get("cam0", "").startswith("corrected here; 1"),
     )
     eventually(lambda: file_of(folder).is_file())
@@ -177,7 +177,7 @@ def test_files_are_said_to_be_files_and_stay(tmp_path):
     settings, mask = folder / "session.toml", folder / "masks" / "cam0" / "000.png"
     edit(settings, 'cam0/*.png"\n\n', 'cam0/*.png"\nmask_unknown = 100\n\n')
     worker, listener = working(folder)
-    assert method(listener.wait(snapshots.SessionSnapshot)) == "files"
+    assert method(listener.wait(protocol.SessionSnapshot)) == "files"
     before = mask.read_bytes()
     stroke(worker)
     eventually(lambda: file_of(folder).is_file())

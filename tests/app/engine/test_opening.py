@@ -11,10 +11,10 @@ from handtrack.session import bundled
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.sources import video_audits
 from handtrack.tracking.search import keypoint_start
+from handtrack_app import protocol
 from handtrack_app.engine import opening
 from handtrack_app.engine.opening import nothing_observed
 from handtrack_app.process.child import EnginePlan
-from handtrack_app.protocol import snapshots
 from tests.app.cloudy_session import cloudy_session
 from tests.app.desk import EngineInThreads, Listener, in_threads, shown, working
 from tests.app.fake_run import FRAMES, fake_document
@@ -51,9 +51,9 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path, monkeypatch):
     assert worker.wait_opened(600.0) is None
     worker.stop()
     known = [type(one) for one in before]
-    assert known.index(snapshots.SessionSnapshot) < known.index(snapshots.PoseSnapshot)
-    assert known.index(snapshots.PoseSnapshot) < known.index(snapshots.PictureSnapshot)
-    (strip,) = (one for one in before if isinstance(one, snapshots.TimelineSnapshot))
+    assert known.index(protocol.SessionSnapshot) < known.index(protocol.PoseSnapshot)
+    assert known.index(protocol.PoseSnapshot) < known.index(protocol.PictureSnapshot)
+    (strip,) = (one for one in before if isinstance(one, protocol.TimelineSnapshot))
     assert (strip.status < 0).all(), "nothing is tracked before the session is open"
     assert worker.document.frame == 5
     assert_allclose(worker.document.by_hand[5], values, atol=1e-9)
@@ -69,7 +69,7 @@ def test_a_failure_after_the_preview_is_told(tmp_path, monkeypatch):
     worker = EngineInThreads(EnginePlan(tmp_path), listener.publish)
     worker.start()
     assert isinstance(worker.wait_opened(600.0), ValueError)
-    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "failed")
+    listener.wait(protocol.ProgressSnapshot, lambda p: p.state == "failed")
     worker.stop()
 
 
@@ -95,11 +95,11 @@ def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
 
     monkeypatch.setattr(video_audits.VideoFile, "audited", waiting)
     worker, listener = working(tmp_path)
-    assert listener.wait(snapshots.TimelineSnapshot).stop == ANNOUNCED
+    assert listener.wait(protocol.TimelineSnapshot).stop == ANNOUNCED
     may_count.set()
     told = listener.told("can be decoded")
     assert f"{ANNOUNCED} frames" in told.text
-    strip = listener.wait(snapshots.TimelineSnapshot, lambda s: s.stop < ANNOUNCED)
+    strip = listener.wait(protocol.TimelineSnapshot, lambda s: s.stop < ANNOUNCED)
     assert strip.start == 0
     eventually((tmp_path / "tracks" / "videos.json").is_file)
     worker.stop()

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack.session.session_state import decide
+from handtrack_app.engine import edits
 from handtrack_app.engine.posing_service import pose as pose_edit
-from handtrack_app.engine.store import edits
 from tests.app.fake_run import FRAMES
 from tests.app.opened import did, opened, posed, tracked
 

@@ -14,10 +14,10 @@ from handtrack.session.session_state import Correction, decide
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack.store.log import LogWriter
 from handtrack.store.store import Span
+from handtrack_app import protocol
+from handtrack_app.engine.persistence import export_beside
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.posing_service import pose_before
-from handtrack_app.engine.store.persistence import export_beside
-from handtrack_app.protocol import snapshots
 from tests.app.desk import working
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.opened import did, opened, posed, tracked
@@ -30,7 +30,7 @@ def test_frames_that_no_page_tracked_are_no_return(tmp_path):
     tracked(opened(tmp_path))
     worker, listener = working(tmp_path, fake_document)
     worker.stop()
-    strip = next(one for one in listener.seen if isinstance(one, snapshots.TimelineSnapshot))
+    strip = next(one for one in listener.seen if isinstance(one, protocol.TimelineSnapshot))
     assert (strip.status >= 0).all()
     assert not any(getattr(one, "title", "") == "Welcome back" for one in listener.seen)
 

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 from handtrack import HandScale
 from handtrack.store.store import Store
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.persistence import whole_track
-from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.snapshots import Hold
+from handtrack_app import protocol
+from handtrack_app.engine import edits
+from handtrack_app.engine.persistence import whole_track
+from handtrack_app.protocol import Hold
 from tests.app.desk import a_desk, pose_with
 from tests.app.fake_run import FRAMES
 from tests.app.opened import opened, tracked
@@ -135,7 +135,7 @@ def _tip(pose, document):
 
 def _pull(worker, listener, version, by=(0.0, -0.02, 0.01), frame=3):
     """Pull the index finger's tip by so much in both cameras; return where to."""
-    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == frame)
+    pose = listener.wait(protocol.PoseSnapshot, lambda p: p.frame == frame)
     target = _tip(pose, worker.document) + by
     for n, camera in enumerate(("front", "side")):
         view = worker.document.session.rig[camera].without_distortion()
@@ -188,7 +188,7 @@ def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(desk, work
     _tracked(desk)
     worker.engine.show_frame(8)
     _pull(worker, listener, 1, frame=8)
-    listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 2 and p.origin == "pinned")
+    listener.wait(protocol.PoseSnapshot, lambda p: p.version == 2 and p.origin == "pinned")
     pinned, before = worker.document.pose_at(8), bends(worker)
     assert worker.document.by_hand.keys() == {8} and worker.document.decided_pose(8).is_led
     worker.engine.refine()

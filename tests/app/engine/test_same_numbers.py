@@ -11,8 +11,8 @@ import pytest
 from handtrack import Session, Status, TrackingRun, read_npz, track_session
 from handtrack.session.session_state import decide
 from handtrack.session.track_session import Ended, posed_frames, request_for
-from handtrack_app.engine.store.persistence import whole_track
-from handtrack_app.protocol.snapshots import Hold
+from handtrack_app.engine.persistence import whole_track
+from handtrack_app.protocol import Hold
 from tests.app.command_line import small_recording
 from tests.app.desk import working
 from tests.app.waiting import eventually

@@ -12,7 +12,7 @@ from handtrack.model.model_file import read_scale
 from handtrack.session.first_pose.first_pose import read_first_pose
 from handtrack.session.session_file import read_session_file
 from handtrack.session.session_state import decide
-from handtrack_app.engine.store import edits
+from handtrack_app.engine import edits
 from tests.app.cloudy_session import cloudy_session
 from tests.app.opened import did, opened, opened_recording
 from tests.app.waiting import eventually

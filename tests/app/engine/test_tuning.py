@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack.tracking.frame.methods import METHODS
+from handtrack_app import protocol
 from handtrack_app.engine import tuning_service
-from handtrack_app.protocol import snapshots
 from tests.app.waiting import eventually
 
 
@@ -57,18 +57,18 @@ def fits(monkeypatch):
 
 
 def test_a_change_and_its_fit_are_one_step_and_the_newest_change_wins(worker, listener, fits):
-    before = listener.wait(snapshots.PoseSnapshot).values
+    before = listener.wait(protocol.PoseSnapshot).values
     worker.engine.refit_while_tuning(True)
     worker.engine.set_setting("silhouettes.weight", 2.0)
     assert fits.waits.wait(600.0)
     worker.engine.set_setting("silhouettes.weight", 3.0)
-    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
+    pose = listener.wait(protocol.PoseSnapshot, lambda p: p.origin == "refitted")
     bend = worker.document.model.parameter_names.index("index_pip_flex")
     assert worker.document.shown[bend] == pytest.approx(0.3)
     assert worker.document.by_hand.keys() == {3}
     assert worker.document.decided_pose(3).is_led, "tracking solves it anew"
     worker.engine.look_before(True)
-    looked = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == snapshots.BEFORE)
+    looked = listener.wait(protocol.PoseSnapshot, lambda p: p.origin == protocol.BEFORE)
     assert_allclose(looked.values, before, atol=1e-9)
     worker.engine.undo(pose.version + 1)
     back = listener.pose(pose.version + 1)
@@ -85,7 +85,7 @@ def test_who_poses_meanwhile_keeps_the_pose(worker, listener, fits):
     fits.goes_on.set()
     worker.engine.show_frame(4)
     worker.engine.show_frame(3)
-    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p is not fist and p.frame == 3 and p.version == 5)  # fmt: skip
+    pose = listener.wait(protocol.PoseSnapshot, lambda p: p is not fist and p.frame == 3 and p.version == 5)  # fmt: skip
     assert_array_equal(pose.values, fist.values)
     assert pose.origin == "set"
 

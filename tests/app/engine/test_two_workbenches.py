@@ -6,7 +6,7 @@ from functools import partial
 import pytest
 
 from handtrack import HandtrackError
-from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.engine.persistence import Persistence
 from tests.app.command_line import listing
 from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed

@@ -12,12 +12,11 @@ from handtrack import HandScale, HandtrackError, load_model
 from handtrack.session.session_state import key_of
 from handtrack.store.store import Store
 from handtrack.tracking.frame.reason import Reason
-from handtrack_app.engine import open_session
+from handtrack_app import protocol
+from handtrack_app.engine import open_session, persistence
 from handtrack_app.engine.open_session import COMMANDS
 from handtrack_app.engine.service import BackgroundJob
-from handtrack_app.engine.store import persistence
-from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.calls import Call, Mailbox
+from handtrack_app.protocol import Call, Mailbox
 from tests.app.desk import a_desk, pose_with
 from tests.app.fake_run import FRAMES, FakeRun
 from tests.app.waiting import eventually
@@ -42,7 +41,7 @@ def test_a_pose_is_moved_into_its_limits(worker, listener):
         3, pose_with(listener, index_mcp_flex=50.0, root_tx=1e30, root_ty=float("nan")), 1
     )
     pose = listener.pose(1)
-    session = listener.wait(snapshots.SessionSnapshot)
+    session = listener.wait(protocol.SessionSnapshot)
     index = session.parameter_names.index("index_mcp_flex")
     assert pose.values[index] == pytest.approx(session.interval[index, 1])
     assert np.isfinite(pose.centre).all()
@@ -60,7 +59,7 @@ def halted(tmp_path):
     go_on = threading.Event()
     for worker, listener in a_desk(tmp_path, stuck=lambda f: f == 5 and not go_on.is_set()):
         worker.engine.track(0, FRAMES, 3)
-        listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
+        listener.wait(protocol.ProgressSnapshot, lambda p: p.done == 2)
         yield worker, listener, go_on
 
 
@@ -73,7 +72,7 @@ def test_steps_that_may_compile_foretell_no_time_left():
 def test_a14_pause_holds_with_every_frame_on_disk_and_goes_on(halted, tmp_path):
     (worker, listener, go_on), store = halted, Store(tmp_path / "tracks")
     worker.engine.pause(True)
-    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "paused")
+    listener.wait(protocol.ProgressSnapshot, lambda p: p.state == "paused")
     eventually(lambda: store.frames_of(1) == (3, 4))
     go_on.set()
     time.sleep(0.3)
@@ -104,7 +103,7 @@ def test_a6_a_disk_that_is_full_when_tracking_ends_is_told_and_the_page_goes_on(
         listener.refused()
         listener.told("save the track once there is room")
         worker.engine.show_frame(2)
-        listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 2)
+        listener.wait(protocol.PoseSnapshot, lambda p: p.frame == 2)
     assert not worker.busy
     worker.engine.save_track()
     listener.told("Track saved")
@@ -123,7 +122,7 @@ def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(hal
     assert len(worker.document.results) == FRAMES
     worker.engine.save_pose()  # now it may
     names = with_arm.parameter_names
-    listener.wait(snapshots.SessionSnapshot, lambda told: told.parameter_names == names)
+    listener.wait(protocol.SessionSnapshot, lambda told: told.parameter_names == names)
 
 
 def test_a_camera_that_the_others_contradict_is_named_when_a_track_is_opened_again(
@@ -147,7 +146,7 @@ def test_a_pose_that_does_not_fit_is_asked_about_before_it_is_the_first(tmp_path
     beside = Reason("beside", camera="front", number=900.0, other=0.76)
     for worker, listener in a_desk(tmp_path, doubt=beside):
         worker.engine.save_pose()
-        listener.wait(snapshots.Notice, lambda n: n.level == "warning" and "900" in n.text)
+        listener.wait(protocol.Notice, lambda n: n.level == "warning" and "900" in n.text)
         assert not (tmp_path / "init.json").exists()
         worker.engine.save_pose()
         listener.told("First-frame pose saved")
@@ -157,9 +156,9 @@ def test_a_pose_that_does_not_fit_is_asked_about_before_it_is_the_first(tmp_path
 def test_the_size_is_fitted_before_the_first_tracking_in_sight_and_cancelled_at_once(tmp_path):
     go_on = threading.Event()
     for worker, listener in a_desk(tmp_path, size_pending=True, sizing=lambda: go_on.wait(600.0)):
-        rest = listener.wait(snapshots.PoseSnapshot).values
+        rest = listener.wait(protocol.PoseSnapshot).values
         worker.engine.track(0, FRAMES, 3)
-        tried = listener.wait(snapshots.PoseSnapshot, lambda pose: pose.frame == 5)
+        tried = listener.wait(protocol.PoseSnapshot, lambda pose: pose.frame == 5)
         assert tried.values != pytest.approx(rest, abs=0.01), "in the pose just tracked"
         assert not worker.document.results, "nothing of it is kept"
         worker.engine.cancel()
@@ -171,7 +170,7 @@ def test_the_size_is_fitted_before_the_first_tracking_in_sight_and_cancelled_at_
         sized = lambda: sum(n.title == "Size fitted" for n in listener.notices)  # noqa: B023, E731
         assert not sized()
         track_all(worker, listener)
-        assert listener.wait(snapshots.SessionSnapshot, lambda s: "size 1.10" in s.model)
+        assert listener.wait(protocol.SessionSnapshot, lambda s: "size 1.10" in s.model)
         worker.engine.track(0, FRAMES, 3)
         worker.engine.cancel()
         assert sized() == 1
@@ -232,7 +231,7 @@ def test_a7_an_edit_that_could_not_be_written_is_tried_again_with_the_next(
         edit(worker, listener, 5, 1)
         listener.told("the disk is full")
     worker.engine.show_frame(6)  # one can look around meanwhile
-    listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 6)
+    listener.wait(protocol.PoseSnapshot, lambda p: p.frame == 6)
     assert written(tmp_path) == []
     edit(worker, listener, 8, 2)
     worker.stop()

@@ -6,7 +6,7 @@ import pytest
 from handtrack import load_model
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.engine.inverse_kinematics import reach, stem_bones
-from handtrack_app.protocol.palette import limb_of
+from handtrack_app.palette import limb_of
 from tests.app.desk import shown
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient

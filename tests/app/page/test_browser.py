@@ -10,7 +10,7 @@ import pytest
 import viser.transforms as vtf
 
 from handtrack.export.registry import export_format
-from handtrack_app.engine.store import persistence
+from handtrack_app.engine import persistence
 from handtrack_app.page.panels.export import card_words
 from handtrack_app.page.panels.view import WIDTH
 from handtrack_app.page.scene.model_view import hand_balls

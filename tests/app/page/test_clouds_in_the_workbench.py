@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handtrack_app.protocol import snapshots
+from handtrack_app import protocol
 from tests.app.cloudy_session import HAND, SKIN, WALL, cloudy_session
 from tests.app.desk import working
 from tests.app.waiting import eventually
@@ -13,8 +13,8 @@ from tests.app.wire import WireClient
 
 def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(cloudy_desk):
     worker, listener = cloudy_desk
-    worker.engine.want_cloud(snapshots.CloudSelection(points=True))
-    cloud = listener.wait(snapshots.CloudSnapshot)
+    worker.engine.want_cloud(protocol.CloudSelection(points=True))
+    cloud = listener.wait(protocol.CloudSnapshot)
     document = worker.document
     bones = document.model.bones(document.model.solver_params(document.shown))
     seen = document.run.observation(0, bones)
@@ -29,12 +29,12 @@ def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(cloudy_d
 def test_the_energys_parts_are_on_the_timeline(cloudy_desk):
     worker, listener = cloudy_desk
     worker.engine.track(0, 2, 0)
-    listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
-    strip = [s for s in listener.seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
-    terms = {name for name in strip.lanes if name.startswith(snapshots.TERM)}
-    assert terms >= {snapshots.TERM + name for name in ("cloud→model", "model→cloud", "priors")}
+    listener.wait(protocol.Notice, lambda n: n.title == "Tracking finished")
+    strip = [s for s in listener.seen if isinstance(s, protocol.TimelineSnapshot)][-1]
+    terms = {name for name in strip.lanes if name.startswith(protocol.TERM)}
+    assert terms >= {protocol.TERM + name for name in ("cloud→model", "model→cloud", "priors")}
     total = np.sum([np.nan_to_num(strip.lanes[name]) for name in terms], axis=0)
-    assert_allclose(total[:2], strip.lanes[snapshots.COST][:2], rtol=1e-6)
+    assert_allclose(total[:2], strip.lanes[protocol.COST][:2], rtol=1e-6)
 
 
 @pytest.mark.usefixtures("left_open")
@@ -95,8 +95,8 @@ def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(tmp
     folder = cloudy_session(tmp_path)
     (folder / "init.json").unlink()
     worker, listener = working(folder)
-    worker.engine.want_cloud(snapshots.CloudSelection(points=True))
-    cloud = listener.wait(snapshots.CloudSnapshot)
+    worker.engine.want_cloud(protocol.CloudSelection(points=True))
+    cloud = listener.wait(protocol.CloudSnapshot)
     assert all(c.name != "crop" for c in cloud.counts)
     place = worker.document.start[:3] + [0.0, 0.09, 0.0]
     assert np.linalg.norm(place - np.median(cloud.points, axis=0)) < 0.01

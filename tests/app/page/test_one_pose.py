@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from viser._messages import LocalStorageGetItemRequestMessage
 
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures
+from handtrack_app import protocol
+from handtrack_app.engine.camera_pictures import CameraPictures
 from handtrack_app.page.panels.pose import unit_of
 from handtrack_app.page.scene import camera_view
 from handtrack_app.page.timeline import cursor_picture
-from handtrack_app.protocol import snapshots
 from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -32,7 +32,7 @@ class Witness:
         shown = bench.page.show
 
         def noted(snapshot):
-            if isinstance(snapshot, snapshots.PoseSnapshot):
+            if isinstance(snapshot, protocol.PoseSnapshot):
                 self.poses.append(snapshot)
             shown(snapshot)
             self._look_at_pictures()
@@ -142,7 +142,7 @@ def test_a_picture_of_a_frame_that_was_left_is_not_shown(bench, page):
     eventually(lambda: screen.image.visible)
     bench.stage.moments.show(screen.frame + 1)
     black = np.zeros((72, 96, 3), np.uint8)
-    late = snapshots.PictureSnapshot(screen.frame, screens={screen.picture: black})
+    late = protocol.PictureSnapshot(screen.frame, screens={screen.picture: black})
     bench.stage.show_pictures(late)
     assert screen.image.image.any()
     side = bench.worker.document.session.view("side")

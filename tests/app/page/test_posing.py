@@ -7,10 +7,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import load_model
 from handtrack.geometry.rotation import rotation_matrix
+from handtrack_app import protocol
 from handtrack_app.engine import tuning_service
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
 from handtrack_app.page.scene.grips import WholeDrag, hold_at
-from handtrack_app.protocol import snapshots
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 
@@ -66,7 +66,7 @@ def test_space_flips_and_all_of_the_page_says_so(bench, page):
     fist = _pose(bench)
     page.press("Before/after: the pose before the last step")
     eventually(lambda: bench.layout.aside.visible)
-    assert _pose(bench).origin == snapshots.BEFORE
+    assert _pose(bench).origin == protocol.BEFORE
     assert_allclose(_pose(bench).values, before.values, atol=1e-9)
     assert panel.sliders["index_pip_flex"].value < 30
     assert not bench.stage.root.control.visible  # type: ignore[union-attr]

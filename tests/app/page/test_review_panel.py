@@ -7,7 +7,7 @@ import numpy as np
 
 from handtrack.diagnostics.review import ReviewInterval
 from handtrack.tracking.whole.refinement import CameraError
-from handtrack_app.protocol.snapshots import Notice, TimelineSnapshot
+from handtrack_app.protocol import Notice, TimelineSnapshot
 from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from handtrack.session.session_state import decide
 from handtrack.store.store import Span
 from handtrack.store.take import TakeFrames
+from handtrack_app import protocol
 from handtrack_app.engine.document_snapshots import timeline_change, timeline_snapshot
 from handtrack_app.engine.posing_service import LiveScore
 from handtrack_app.engine.posing_service import pose as pose_edit
@@ -16,9 +17,8 @@ from handtrack_app.page.panels.pose import ink_on
 from handtrack_app.page.panels.review import plot_data
 from handtrack_app.page.panels.tracking import nearest_posed
 from handtrack_app.page.timeline import Window, lanes_of, lanes_picture
-from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.palette import STATUS
-from handtrack_app.protocol.snapshots import COST, ERROR, TERM, Curve, CurvesSnapshot, ScoreSnapshot
+from handtrack_app.palette import STATUS
+from handtrack_app.protocol import COST, ERROR, TERM, Curve, CurvesSnapshot, ScoreSnapshot
 from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed, tracked
 from tests.app.page.test_review_panel import _tracked
@@ -45,13 +45,13 @@ def test_of_frames_drawn_in_one_place_the_worst_is_seen():
     status = np.zeros(20_000, int)
     status[1234] = 2
     lanes = {COST: np.where(status == 2, 7.0, 1.0)}
-    strip, window = snapshots.TimelineSnapshot(0, status, lanes), Window.whole(range(len(status)))
+    strip, window = protocol.TimelineSnapshot(0, status, lanes), Window.whole(range(len(status)))
     picture = lanes_picture(lanes_of(strip, window, True), strip, window, True)
     assert STATUS[2][1] in picture.partition("<svg")[2]
 
 
 def test_a_range_is_tracked_from_the_nearest_pose_of_its_own():
-    strip = snapshots.TimelineSnapshot(10, np.full(20, -1), {}, (15,))
+    strip = protocol.TimelineSnapshot(10, np.full(20, -1), {}, (15,))
     assert nearest_posed(strip, 12, 25, 24) == 15, "nothing is tracked at the frame shown"
     assert nearest_posed(strip, 16, 25, 24) == 24
     assert nearest_posed(replace(strip, by_hand=()), 12, 25, 3) == 12

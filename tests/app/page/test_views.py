@@ -11,8 +11,8 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from handtrack.geometry.rotation import looking_along, rotation_matrix
+from handtrack_app.engine.camera_pictures import CLOSE_SIZE, close_up
 from handtrack_app.engine.document_snapshots import session_snapshot
-from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up
 from handtrack_app.page.scene import looking, stage
 from handtrack_app.page.scene import viewpoint as vp
 from handtrack_app.page.scene.looking import CLOSE, plane_of

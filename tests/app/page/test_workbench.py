@@ -14,9 +14,9 @@ import viser
 from numpy.testing import assert_allclose
 
 from handtrack.geometry.rotation import matrix_from_quaternion
+from handtrack_app import protocol
 from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.page.page import Display
-from handtrack_app.protocol import snapshots
 from tests.app.desk import shown, value_of
 from tests.app.engine.test_saving_settings import TEXT
 from tests.app.fake_run import FRAMES, fake_document
@@ -95,7 +95,7 @@ def test_a_pose_that_comes_late_leads_nobody_back_to_its_frame(bench, monkeypatc
 
 def test_a_page_that_comes_late_is_told_what_was_said(bench):
     """Fault C41."""
-    bench._snapshots.put(snapshots.Notice("done", "Welcome back", "Restored: 3 poses."))
+    bench._snapshots.put(protocol.Notice("done", "Welcome back", "Restored: 3 poses."))
     eventually(lambda: "Welcome back" in bench.layout.messages.said.content)  # said to nobody
     with WireClient(bench.url) as wire:
         eventually(lambda: any("Welcome back" in str(one) for _, one in wire.messages))
@@ -282,6 +282,6 @@ def test_c53_names_in_a_sessions_files_are_text(session):
     (session / "masks/cam0/000001.png").write_bytes(b"no image")  # a note names the file
     with shown(session) as bench:
         eventually(lambda: any("&lt;img" in text for text in written_in(bench.server)))
-        take = snapshots.TakeCard(1, TAG, 1)
-        bench.layout.takes.show(snapshots.WorkSnapshot("saved", (take,)))
+        take = protocol.TakeCard(1, TAG, 1)
+        bench.layout.takes.show(protocol.WorkSnapshot("saved", (take,)))
         assert [text for text in written_in(bench.server) if TAG in text] == []

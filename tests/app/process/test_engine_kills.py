@@ -13,7 +13,7 @@ from contextlib import suppress
 import pytest
 
 from handtrack_app.process import engine_process
-from handtrack_app.protocol.snapshots import Hold
+from handtrack_app.protocol import Hold
 from tests.app.fake_run import FRAMES
 from tests.app.process.test_engine_process import Page, state_on_disk, values_with
 from tests.app.waiting import eventually

@@ -12,11 +12,11 @@ import pytest
 
 from handtrack.store.lease import holder_of
 from handtrack.store.store import Store
+from handtrack_app import protocol
 from handtrack_app.process import child, engine_process
 from handtrack_app.process.child import GB, EnginePlan, LiveOptions
 from handtrack_app.process.engine_process import EngineProcess
-from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.snapshots import Hold
+from handtrack_app.protocol import Hold
 from tests.app.command_line import PROGRAM
 from tests.app.desk import Listener
 from tests.app.fake_run import FRAMES, fake_document
@@ -39,7 +39,7 @@ class Page(Listener):
         self.engine = EngineProcess(EnginePlan(folder, opener=opener, **plan), self.publish)
 
     def idle(self, after=0):
-        self.wait(snapshots.ProgressSnapshot, lambda p: p.state == "idle", after)
+        self.wait(protocol.ProgressSnapshot, lambda p: p.state == "idle", after)
 
     def kill(self, number=signal.SIGKILL):
         """Kill the engine's process; return how much had been said before."""
@@ -51,7 +51,7 @@ class Page(Listener):
     @property
     def saved(self):
         """What the page's head says."""
-        return ([""] + [s.saved for s in self.seen if isinstance(s, snapshots.WorkSnapshot)])[-1]
+        return ([""] + [s.saved for s in self.seen if isinstance(s, protocol.WorkSnapshot)])[-1]
 
 
 @pytest.fixture
@@ -85,31 +85,31 @@ def test_c40_a_killed_engine_is_told_and_what_was_accepted_is_back(tmp_path, sta
     first = engine.pid
     engine.engine.want_pictures(True, "plain", (("front", "plain"),))
     engine.engine.set_pose(9, values_with(0.75), 1)
-    page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (9,))
+    page.wait(protocol.TimelineSnapshot, lambda t: t.by_hand == (9,))
     engine.engine.track(3, FRAMES, 3)
-    page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking" and p.frame == 7)
+    page.wait(protocol.ProgressSnapshot, lambda p: p.state == "tracking" and p.frame == 7)
     engine.engine.set_pose(10, values_with(0.6), 2)  # perhaps not on disk yet
-    page.wait(snapshots.PoseSnapshot, lambda p: p.version == 2)
+    page.wait(protocol.PoseSnapshot, lambda p: p.version == 2)
     said = page.kill()
-    notice = page.wait(snapshots.Notice, after=said)
+    notice = page.wait(protocol.Notice, after=said)
     assert notice.level == "error"
-    opening = page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "opening", said)
+    opening = page.wait(protocol.ProgressSnapshot, lambda p: p.state == "opening", said)
     said = page.seen.index(opening)
     page.idle(said)
     assert engine.pid not in (first, None)
     page.told("Welcome back", said)
-    strip = page.wait(snapshots.TimelineSnapshot, after=said)
+    strip = page.wait(protocol.TimelineSnapshot, after=said)
     assert (strip.status[3:7] >= 0).all(), "all but the last one"
-    assert page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (9, 10), said)
-    poses = [s for s in page.seen[said:] if isinstance(s, snapshots.PoseSnapshot)]
+    assert page.wait(protocol.TimelineSnapshot, lambda t: t.by_hand == (9, 10), said)
+    poses = [s for s in page.seen[said:] if isinstance(s, protocol.PoseSnapshot)]
     assert all(pose.version == 2 for pose in poses), "the page takes them for news"
     page.wait(
-        snapshots.PictureSnapshot, lambda p: p.frame == 10 and ("front", "plain") in p.screens, said
+        protocol.PictureSnapshot, lambda p: p.frame == 10 and ("front", "plain") in p.screens, said
     )
-    states = {s.state for s in page.seen[said:] if isinstance(s, snapshots.ProgressSnapshot)}
+    states = {s.state for s in page.seen[said:] if isinstance(s, protocol.ProgressSnapshot)}
     assert "tracking" not in states, "it does not track on by itself"
     engine.engine.track(7, FRAMES, 7)
-    page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking", said)
+    page.wait(protocol.ProgressSnapshot, lambda p: p.state == "tracking", said)
 
 
 def state_on_disk(folder):
@@ -136,11 +136,11 @@ def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_
     engine.engine.set_setting("cloud.weight", 7.0)
     assert page.saved == "saving"
     said = page.kill()
-    notice = page.wait(snapshots.Notice, after=said)
+    notice = page.wait(protocol.Notice, after=said)
     assert "frame 5" in notice.text and "cloud.weight" in notice.text
     engine.engine.set_pose(7, values_with(0.7), 6)
     told = page.seen[said : page.seen.index(notice)]
-    assert not [s for s in told if isinstance(s, snapshots.WorkSnapshot) and s.saved == "saved"]
+    assert not [s for s in told if isinstance(s, protocol.WorkSnapshot) and s.saved == "saved"]
     eventually(lambda: page.saved == "saved")
     state = state_on_disk(tmp_path)
     assert {
@@ -182,7 +182,7 @@ def test_c40_what_takes_too_much_memory_or_ends_every_engine_is_given_up_by_name
         assert "2.0 GB" in notice.text
         said = len(page.seen)
         engine.show_frame(8)
-        page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8, said)
+        page.wait(protocol.PoseSnapshot, lambda p: p.frame == 8, said)
         assert page.engine.pid == first, "it goes on"
     engine.set_pose(3, values_with(0.3), 1)
     engine.set_setting("cloud.weight", 7.0)
@@ -219,20 +219,20 @@ def test_c40_what_ends_again_and_again_stays_ended_until_it_is_asked_for(
     (tmp_path / "crash").touch()
     said = page.kill()
     page.told("The engine stays ended", said)
-    assert page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "failed", said)
+    assert page.wait(protocol.ProgressSnapshot, lambda p: p.state == "failed", said)
     page.engine.engine.show_frame(8)
     assert page.engine.pid is None
     page.engine.engine.set_pose(6, values_with(0.4), 1)
     assert page.saved == "unsaved"
     asked = len(page.seen)
     page.engine.engine.track(3, FRAMES, 3)
-    notice = page.wait(snapshots.Notice, after=asked)
+    notice = page.wait(protocol.Notice, after=asked)
     assert "track, frames 3 to" in notice.text, "nobody is there to serve it"
     (tmp_path / "crash").unlink()
     said = len(page.seen)
     page.engine.start_again()
     page.idle(said)
-    page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (6,), said)
+    page.wait(protocol.TimelineSnapshot, lambda t: t.by_hand == (6,), said)
     eventually(lambda: page.saved == "saved", "kept while nobody was there")
     said = page.kill(signal.SIGTERM)
     page.told("The engine stays ended", said)
@@ -245,12 +245,12 @@ def test_running_cameras_are_opened_over_there(tmp_path, start):
     make_session(desk)
     devices = {name: str(clip(tmp_path / f"{name}.avi")) for name in ("cam0", "cam1")}
     page = start(desk, None, live=LiveOptions(devices, 10.0))
-    assert page.wait(snapshots.SessionSnapshot).live
+    assert page.wait(protocol.SessionSnapshot).live
     folder = tmp_path / "recorded"
     page.engine.engine.record(True, str(folder))
-    page.wait(snapshots.LiveSnapshot, lambda told: told.recording == str(folder))
+    page.wait(protocol.LiveSnapshot, lambda told: told.recording == str(folder))
     said = page.kill()
-    assert str(folder) in page.wait(snapshots.Notice, after=said).text
+    assert str(folder) in page.wait(protocol.Notice, after=said).text
 
 
 # ---- ending

@@ -6,7 +6,7 @@ from unittest.mock import Mock
 from handtrack_app.engine.open_session import COMMANDS
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.process.engine_process import EngineProcess, Outbox
-from handtrack_app.protocol.snapshots import Hold, PoseSnapshot, WorkSnapshot
+from handtrack_app.protocol import Hold, PoseSnapshot, WorkSnapshot
 
 
 class Pipe:

@@ -13,8 +13,8 @@ from handtrack import Session, TrackingRun
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
-from handtrack_app.rerun import recorder as residual_recorder
-from handtrack_app.rerun.recorder import LiveRecorder, ResidualRecorder, log_cameras, log_space
+from handtrack_app import rerun_recorder as residual_recorder
+from handtrack_app.rerun_recorder import LiveRecorder, ResidualRecorder, log_cameras, log_space
 from tests.app.cloudy_session import cloudy_session
 from tests.app.command_line import small_recording
 from tests.app.desk import a_desk

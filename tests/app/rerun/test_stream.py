@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from handtrack_app.rerun.recorder import (
+from handtrack_app.rerun_recorder import (
     RerunViewer,
     silent_environment,
 )

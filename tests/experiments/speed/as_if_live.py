@@ -20,9 +20,9 @@ import numpy as np
 from handtrack import HandtrackError, Session, Status, TrackingRun, bundled_session
 from handtrack.arrays import D3, Array, H, W
 from handtrack.bench.measuring import alone
+from handtrack_app import protocol
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.process.child import EnginePlan, LiveOptions
-from handtrack_app.protocol import snapshots
 from tests.app.desk import EngineInThreads
 
 _FPS = 30.0
@@ -51,16 +51,16 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
     opened, idle = threading.Event(), threading.Event()
     pictures: list[float] = []
 
-    def publish(snapshot: snapshots.Snapshot) -> None:
+    def publish(snapshot: protocol.Snapshot) -> None:
         now = time.monotonic()
         match snapshot:
-            case snapshots.ProgressSnapshot(state="idle"):
+            case protocol.ProgressSnapshot(state="idle"):
                 opened.set()
-            case snapshots.Notice(title="Tracking ended" | "Tracking stopped"):
+            case protocol.Notice(title="Tracking ended" | "Tracking stopped"):
                 idle.set()
-            case snapshots.PictureSnapshot():
+            case protocol.PictureSnapshot():
                 pictures.append(now)
-            case snapshots.PoseSnapshot() if not shown or snapshot.frame > shown[-1][1]:
+            case protocol.PoseSnapshot() if not shown or snapshot.frame > shown[-1][1]:
                 shown.append((now, snapshot.frame))  # a frame solved anew does not count again
 
     opener = partial(open_live_document, LiveOptions(devices, 0.05, rate=rate))

@@ -20,7 +20,7 @@ from handtrack.bench.measuring import data_folder
 from handtrack.geometry.camera import Camera
 from handtrack.session.session import Session
 from handtrack_app.page.scene.grips import hold_at, place_of
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
     GuessesSnapshot,
     Hold,
     Notice,

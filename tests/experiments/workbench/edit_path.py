@@ -22,8 +22,7 @@ from typing import Any
 import handtrack
 import handtrack_app
 from handtrack import bundled_session
-from handtrack_app.protocol.calls import Mailbox
-from handtrack_app.protocol.snapshots import PoseSnapshot
+from handtrack_app.protocol import Mailbox, PoseSnapshot
 from tests.app.desk import in_threads
 from tests.experiments.workbench.wire import WireClient
 

@@ -15,8 +15,8 @@ from handtrack.session.session_file import CLOUD_SETTINGS
 from handtrack_app.page.html import chip, escaped, line, picture, pictures, rgb, table, text
 from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.settings import SavedSettings, SettingWidget
-from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
+from handtrack_app.protocol import (
     Box,
     CloudCard,
     CloudPicture,

@@ -8,7 +8,7 @@ from functools import partial
 from handtrack.export.registry import AXES, FORMATS, ExportFormat
 from handtrack_app.page.html import escaped
 from handtrack_app.page.page import Client, Panel
-from handtrack_app.protocol.snapshots import Download
+from handtrack_app.protocol import Download
 
 _AS_RECORDED = "as recorded"
 

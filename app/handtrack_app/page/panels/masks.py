@@ -14,7 +14,7 @@ from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.settings import TOLD, SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.viewpoint import Pixel
-from handtrack_app.protocol.snapshots import Box, MaskCameraCard, PictureSnapshot, SessionSnapshot
+from handtrack_app.protocol import Box, MaskCameraCard, PictureSnapshot, SessionSnapshot
 
 ALL = "all cameras"
 

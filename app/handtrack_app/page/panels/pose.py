@@ -16,7 +16,7 @@ from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack_app.page.html import chip, escaped, line, rgb, row, table, text
 from handtrack_app.page.page import Panel, Part, put
 from handtrack_app.page.scene.grips import Grips, near_joint_m
-from handtrack_app.protocol.palette import (
+from handtrack_app.palette import (
     ASIDE,
     FINGER_COLOURS,
     GHOSTS,
@@ -28,7 +28,7 @@ from handtrack_app.protocol.palette import (
     light_of,
     limb_of,
 )
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
     BEFORE,
     IMAGES,
     GuessesSnapshot,

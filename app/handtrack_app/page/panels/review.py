@@ -19,7 +19,7 @@ from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.pose import GuessesPanel, groups_of, title_of, unit_of
 from handtrack_app.page.panels.tracking import TrackingPanel
 from handtrack_app.page.timeline import Window, extremes
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
     CloseSnapshot,
     Curve,
     CurvesSnapshot,

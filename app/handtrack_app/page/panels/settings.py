@@ -22,7 +22,7 @@ from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, text
 from handtrack_app.page.page import Page, Panel, Part, put
 from handtrack_app.page.panels.pose import PLACE, groups_of, label_of, unit_of
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
     CLOUD,
     IMAGES,
     KEYPOINTS,

@@ -12,7 +12,7 @@ import viser
 
 from handtrack_app.page.html import table, text
 from handtrack_app.page.page import Panel, put
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
     COUNTED,
     LiveSnapshot,
     ProgressSnapshot,

@@ -16,8 +16,8 @@ from handtrack_app.page.page import Client, Page, Panel, Part, Taste, UserState,
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.looking import ALL, Looking
 from handtrack_app.page.scene.stage import Stage
-from handtrack_app.protocol.palette import BRAND
-from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
+from handtrack_app.palette import BRAND
+from handtrack_app.protocol import PictureSnapshot, ProgressSnapshot, SessionSnapshot
 
 FREE, TOGETHER = "orbit view", "all cameras"
 _MODE_WORDS = {

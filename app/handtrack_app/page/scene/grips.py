@@ -26,8 +26,8 @@ from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Client, Page, Part, put
 from handtrack_app.page.scene.model_view import TINY, add_batch, ball, tiny, unturned
 from handtrack_app.page.scene.viewpoint import ray_pixel, window_camera
-from handtrack_app.protocol.palette import CONTRADICTED, PIN
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.palette import CONTRADICTED, PIN
+from handtrack_app.protocol import (
     BEFORE,
     HAND_REACH_M,
     Hold,

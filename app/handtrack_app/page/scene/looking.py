@@ -39,8 +39,8 @@ from handtrack_app.page.scene.viewpoint import (
     window_camera,
     with_pixel_at,
 )
-from handtrack_app.protocol.palette import residual_colours
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.palette import residual_colours
+from handtrack_app.protocol import (
     Box,
     CloudSnapshot,
     Image,

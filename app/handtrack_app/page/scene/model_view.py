@@ -12,8 +12,8 @@ import viser
 from handtrack.arrays import D2, D3, D4, Bytes, Floats, Ints, N, T, V
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app.page.page import Display, put
-from handtrack_app.protocol.palette import GHOSTS, TRUTH, colour_of, colours_of, linear
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.palette import GHOSTS, TRUTH, colour_of, colours_of, linear
+from handtrack_app.protocol import (
     HAND_REACH_M,
     GuessesSnapshot,
     PoseSnapshot,

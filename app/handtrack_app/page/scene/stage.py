@@ -34,8 +34,8 @@ from handtrack_app.page.scene.viewpoint import (
     hand_view,
     upward,
 )
-from handtrack_app.protocol.palette import SURFACE
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.palette import SURFACE
+from handtrack_app.protocol import (
     BEFORE,
     HAND_REACH_M,
     Box,

@@ -12,7 +12,7 @@ from handtrack.arrays import D3, D5, Floats, N
 from handtrack.geometry.camera import Camera, camera_matrix
 from handtrack.geometry.rotation import matrix_from_quaternion
 from handtrack_app import viser_internals as internals
-from handtrack_app.protocol.snapshots import SessionSnapshot
+from handtrack_app.protocol import SessionSnapshot
 
 _LEAST = 0.35  # share of the picture's height that a hand reaches over at least if cameras are shown with it at first: bent, it fills two thirds of that
 _FOV = 0.65  # of a free view, from top to bottom [rad]

@@ -26,9 +26,8 @@ from handtrack.parallel import LRUCache
 from handtrack.session.sources.views import View
 from handtrack_app.engine.document import Document, Moment
 from handtrack_app.engine.service import FramePictures, RenderThread
-from handtrack_app.protocol.calls import Command
-from handtrack_app.protocol.palette import FILTERS, KEPT, REJECTS
-from handtrack_app.protocol.snapshots import Image, PictureSnapshot, Snapshot
+from handtrack_app.palette import FILTERS, KEPT, REJECTS
+from handtrack_app.protocol import Command, Image, PictureSnapshot, Snapshot
 
 _THUMBNAIL = 240  # [px] height of a frustum's image
 _KEPT = 24  # undistorted images kept in memory

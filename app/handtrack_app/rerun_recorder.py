@@ -53,7 +53,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.terms.appearance_terms import Before
-from handtrack_app.protocol.snapshots import Notice, RerunPage
+from handtrack_app.protocol import Notice, RerunPage
 
 if TYPE_CHECKING:
     from rerun import FileSink, GrpcSink, RecordingStream

@@ -24,9 +24,8 @@ from handtrack.session.session_state import decide
 from handtrack.session.sources.clouds import hand_region
 from handtrack.session.sources.skin_samples import painted_skin
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
-from handtrack_app.engine.document import Document, Moment
-from handtrack_app.engine.document_snapshots import cloud_card
-from handtrack_app.engine.pictures.camera_pictures import (
+from handtrack_app.engine import edits
+from handtrack_app.engine.camera_pictures import (
     NARROW_PX,
     WIDE_PX,
     CameraPictures,
@@ -35,14 +34,15 @@ from handtrack_app.engine.pictures.camera_pictures import (
     stereo_pictures,
     stereo_words,
 )
+from handtrack_app.engine.document import Document, Moment
+from handtrack_app.engine.document_snapshots import cloud_card
 from handtrack_app.engine.service import FramePictures, Service
-from handtrack_app.engine.store import edits
-from handtrack_app.protocol.calls import Command
-from handtrack_app.protocol.snapshots import (
+from handtrack_app.protocol import (
     Box,
     CloudPicture,
     CloudSelection,
     CloudSnapshot,
+    Command,
     Notice,
     SurfaceSnapshot,
 )

@@ -58,9 +58,9 @@ from handtrack.store.store import Store, WritableStore, resolved
 from handtrack.store.take import TakeAbout, TakeFrames, TakeWriter
 from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.whole.refinement import Refinement
+from handtrack_app.engine import edits
 from handtrack_app.engine.document import Document, TakeCache, correction_of, pinning, usual_values
-from handtrack_app.engine.store import edits
-from handtrack_app.protocol.snapshots import Download, FileKind, Notice
+from handtrack_app.protocol import Download, FileKind, Notice
 
 PROGRAM = "handtrack open"
 _UNREADABLE = (HandtrackError, ValueError, KeyError, TypeError)
