@@ -10,7 +10,6 @@ from typing import Any
 
 from handtrack.arrays import Floats, S
 from handtrack.errors import HandtrackError
-from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation, check_kind
@@ -153,8 +152,6 @@ class Tracker:
             start = self.model.checked(start, "the pose to start from")
         if self.settings.solver.limits != "none":
             start = self.model.clipped(start)
-        if expected is not None:
-            expected[3:6] = closest_equivalent(expected[3:6], self.model.joint_params(start)[3:6])
         return FrameTask(self.model, self.settings, observation, start, state, expected, control)
 
     def _expected(self, state: TrackerState, frame: int) -> Floats | None:
@@ -166,7 +163,7 @@ class Tracker:
         # a velocity from poor poses is mostly their errors
         if self.settings.tracker.prediction == "constant_velocity" and not last.clutters:
             known = _predicted(self.model, state, frame)
-        return (last.parameters if known is None else known).copy()
+        return last.parameters if known is None else known
 
     def texture_from(self, observation: Observation, result: FrameResult) -> Before | None:
         """Return a frame's images together with the model as it was found in them; None where images are not looked at."""

@@ -10,7 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from handtrack.arrays import Floats, P, S, array_dataclass
-from handtrack.geometry.rotation import rotation_matrix, rotation_vector, wrapped
+from handtrack.geometry.rotation import (
+    closest_equivalent,
+    rotation_matrix,
+    rotation_vector,
+    wrapped,
+)
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_changes import change
 from handtrack.observation.observation import Observation
@@ -80,14 +85,13 @@ class TrackerState:
 
     def after(self, solved: Step, texture: Before | None = None) -> TrackerState:
         """Return the state once a frame is solved. A lost frame changes neither belief nor texture."""
-        result = solved.result
-        results = (*self.results, result)[-REMEMBERED:]
-        if result.status == Status.LOST and self.results:
-            return replace(self, results=results, beliefs=solved.beliefs)
-        if texture is not None and self.texture is not None:
+        results = (*self.results, solved.result)[-REMEMBERED:]
+        is_lost = solved.result.status == Status.LOST
+        if is_lost and self.results:
+            texture = self.texture
+        elif texture is not None and self.texture is not None:
             texture = replace(texture, first=self.texture.first or self.texture)
-        lost = result.status == Status.LOST
-        belief = self.belief if lost else solved.belief
+        belief = self.belief if is_lost else solved.belief
         return TrackerState(None, results, belief, solved.beliefs, texture)
 
 
@@ -145,21 +149,24 @@ class FrameTask:
 
     def terms(self, params: Floats[P]) -> FrameTerms:
         """Return what the frame costs, seen from solver parameters."""
-        bones = self.model.bones(params)
+        model, expected, bones = self.model, self.expected, self.model.bones(params)
+        if expected is not None:
+            expected = expected.copy()
+            expected[3:6] = closest_equivalent(expected[3:6], model.joint_params(self.start)[3:6])
         terms = frame_terms(
-            self.model,
+            model,
             self.settings,
             self.observation,
             bones,
-            self.expected,
+            expected,
             self.ahead,
             self.state.texture,
         )
         later = self.observation.later
-        if not self.previous or self.expected is None or not any(later.values()):
+        if not self.previous or expected is None or not any(later.values()):
             return terms
         last = self.previous[-1]
-        ends = (self.model.solver_params(x) for x in (last.parameters, self.expected))
+        ends = (model.solver_params(x) for x in (last.parameters, expected))
         velocity = change(*ends) / (self.observation.frame - last.frame)
         return at_camera_times(terms, later, params, velocity)
 

@@ -130,8 +130,10 @@ class MixtureObjective(FrameTask):
             starts, source = np.array([c.params for c in (first, *others)]), first.source
             is_far, stop = source.belief is None, self.control.should_stop
             ended = minima(source.terms, starts, source.most, stop, is_far)
-            by_closest = self.settings.traits.closest_prior and not self.is_first
-            found += (self._by_closest_density if by_closest else self._by_mass)(source, *ended)
+            minimum = self._by_mass(source, *ended)
+            if self.settings.traits.closest_prior and not self.is_first:
+                minimum = self._by_closest_density(minimum)
+            found += minimum
         return found
 
     def _by_mass(
@@ -256,24 +258,22 @@ class MixtureObjective(FrameTask):
             log_prior=float(log),
         )
 
-    def _by_closest_density(
-        self, source: Source, params: Floats[N, P], cost: Floats[N], normal: Floats[N, P, P]
-    ) -> list[Start]:
-        """Return the minima with what they weigh by the density that is closest to where they end, wherever they were come by.
+    def _by_closest_density(self, found: Sequence[Start]) -> list[Start]:
+        """Return minima with what they weigh by the density that is closest to where they end, wherever they were come by.
 
         That is the 2003 paper's (fig. 4, step 5): exp(−cost) times weight and height of the long-tailed density of the last
         frame that is closest by Mahalanobis' distance.
         """
-        starts = self._by_mass(source, params, cost, normal)
+        params = np.array([one.params for one in found])
         heights, distances = zip(*(self._density(c, params) for c in self.components), strict=True)
         closest = np.argmin(distances, axis=0)
         return [
             replace(
-                start,
-                cost=start.energy - float(heights[i][n]),
-                source=replace(source, parent=int(i), belief=None),
+                one,
+                cost=one.energy - float(heights[i][n]),
+                source=replace(one.source, parent=int(i), belief=None),
             )
-            for n, (start, i) in enumerate(zip(starts, closest, strict=True))
+            for n, (one, i) in enumerate(zip(found, closest, strict=True))
         ]
 
     def _density(self, component: Source, params: Floats) -> tuple[Floats, Floats]:
@@ -483,13 +483,21 @@ def solve_mixture(task: FrameTask) -> Step:
     if not terms.has_observations:
         held = tuple(replace(one, parent=n) for n, one in enumerate(known))
         return _with_alternatives(task.unseen(), carried, held)
-    components = [Source("start", terms.without_motion(), MIXTURE_DESCENTS)]
-    if carried:
-        most = max(MIXTURE_DESCENTS // len(carried), 2)
-        components = [
-            _component(task, belief, one.weight, most, n)
-            for n, (belief, one) in enumerate(zip(carried, known, strict=True))
-        ]
+    components = list[Source]()
+    most = max(MIXTURE_DESCENTS // max(len(carried), 1), 2)
+    push = speed_of_change(task.model, task.settings)
+    goes_on = task.settings.tracker.prediction == "constant_velocity"
+    for n, (belief, one) in enumerate(zip(carried, known, strict=True)):
+        texture = task.state.texture
+        texture = texture and replace(texture, bones=task.model.bones(belief.mean))
+        state = replace(task.state, texture=texture)
+        ahead = belief.ahead(push, max(task.ahead, 1), goes_on)
+        ahead = replace(ahead, mean=task.model.clipped(ahead.mean))
+        seen = replace(task, expected=None, state=state).terms(ahead.mean)
+        log = float(np.log(max(one.weight, WEIGHTLESS)))
+        components.append(Source("followed", seen, most, ahead, n, log))
+    if not components:
+        components = [Source("start", terms.without_motion(), MIXTURE_DESCENTS)]
     about = vars(task) | {"start": params, "components": components}
     beliefs, alternatives = searched(MixtureObjective(**about))
     best, terms = beliefs[0].mean, components[alternatives[0].parent].terms
@@ -497,22 +505,6 @@ def solve_mixture(task: FrameTask) -> Step:
     found = SolveSummary(best, 0, "converged", problem.linearize(best))
     solved = task.solved(terms, found, problem)
     return _with_alternatives(solved, beliefs, alternatives)
-
-
-def _component(
-    task: FrameTask, belief: MotionBelief, weight: float, most: int, number: int
-) -> Source:
-    """Return a hypothesis of the last frame moved on to this one."""
-    goes_on = task.settings.tracker.prediction == "constant_velocity"
-    push = speed_of_change(task.model, task.settings)
-    bones = task.model.bones(belief.mean)
-    belief = belief.ahead(push, max(task.ahead, 1), goes_on)
-    belief = replace(belief, mean=task.model.clipped(belief.mean))
-    texture = task.state.texture and replace(task.state.texture, bones=bones)
-    state = replace(task.state, texture=texture)
-    terms = replace(task, expected=None, state=state).terms(belief.mean)
-    log = float(np.log(max(weight, WEIGHTLESS)))
-    return Source("followed", terms, most, belief, number, log)
 
 
 def _with_alternatives(

@@ -7,14 +7,14 @@ solved from there, and the better pose is taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice, pairwise, product, takewhile
 
 import numpy as np
 
 from handtrack.arrays import Floats, P, S, array_dataclass
-from handtrack.geometry.rotation import closest_equivalent, wrapped
+from handtrack.geometry.rotation import wrapped
 from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
@@ -162,15 +162,11 @@ def solve_doubted(
     lost = bool(last) and last[0].status == Status.LOST
     state = TrackerState(results=last, belief=None if lost else task.state.belief)
     cautious = replace(task, settings=poor_cloud_settings(task.settings), state=state)
+    start = model.solver_params(last[0].parameters) if last else params
     if kind == "auto":
-        start = model.solver_params(last[0].parameters) if last else params
         solved, origin = solve_frame(_started(cautious, start)), "depths doubted"
     else:
-        joint = last[0].parameters if last else model.joint_params(params)
-        few, start, whole = simplified(model, joint, kind)
-        found = solve_frame(_started(_simpler(cautious, few, start, whole), start)).result
-        shown = whole(few.solver_params(found.parameters))
-        solved, origin = Step(_in_whole(model, found, shown)), kind
+        solved, origin = _solved_simpler(cautious, start, kind), kind
     pose = model.solver_params(solved.result.parameters)
     least = GOOD if poor is None else POOR
     poor = poor or poor_agreement(terms, model.bones(pose), least)
@@ -190,23 +186,6 @@ def solve_doubted(
     return replace(solved, result=replace(solved.result, status=status, reason=reason)), True
 
 
-def _simpler(
-    task: FrameTask, few: ArticulatedModel, start: Floats[P], whole: Callable[[Floats], Floats]
-) -> FrameTask:
-    """Return the frame as the simpler hand sees it; whoever looks on is shown the whole one."""
-    shown, transform = task.control.on_iteration, task.model.transform
-    joint = few.joint_params(start)
-    previous = tuple(replace(result, parameters=joint) for result in task.previous)
-    state = replace(task.state, results=previous)
-
-    def watch(number: int, k: int, x: Floats, cost: float) -> None:
-        if shown is not None:
-            shown(number, k, transform.solver_params(whole(x)), cost)
-
-    control = replace(task.control, on_iteration=watch)
-    return replace(task, model=few, state=state, control=control)
-
-
 def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
     """Return the settings for a poor cloud: doubted depths, and nothing extrapolated or looked for.
 
@@ -224,55 +203,53 @@ def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
     )
 
 
-def simplified(
-    model: ArticulatedModel, joint: Floats[S], kind: str
-) -> tuple[ArticulatedModel, Floats[P], Callable[[Floats[P]], Floats[S]]]:
-    """Return the simpler hand, `glove9` or `ball6`, its solver parameters (P',) where the whole one stands with joint parameters,
-    and what turns its solver parameters into the whole hand's joint parameters, fingers kept as they are.
-
-    It is as large as the person's, with the same parts; a simpler hand has no internal proportions.
-    """
-    few = load_model(kind, model.side, HandScale(model.scale.overall, model.scale.parts))
-
-    def whole(params: Floats) -> Floats:
-        held = joint.copy()
-        held[:6] = few.joint_params(params)[:6]
-        return held
-
-    return few, carried_over(model, model.solver_params(joint), few), whole
-
-
 def _started(task: FrameTask, params: Floats) -> FrameTask:
     """Return a frame that begins at params (P,) and expects the hand where it was last."""
-    start = task.model.clipped(params)
-    if not task.previous:
-        return replace(task, start=start, expected=None)
-    expected = task.previous[-1].parameters.copy()
-    expected[3:6] = closest_equivalent(expected[3:6], task.model.joint_params(start)[3:6])
-    return replace(task, start=start, expected=expected)
+    expected = task.previous[-1].parameters if task.previous else None
+    return replace(task, start=task.model.clipped(params), expected=expected)
 
 
-def _in_whole(model: ArticulatedModel, found: FrameResult, joint: Floats[S]) -> FrameResult:
-    """Return what a simpler hand found as a result of the whole one, which then has those joint parameters.
+def _solved_simpler(task: FrameTask, params: Floats[P], kind: str) -> Step:
+    """Return the frame as a simpler hand finds it, `glove9` or `ball6`, from solver parameters of the whole one, whose fingers are kept as
+    they are.
 
-    Nothing is said of the fingers: their standard deviations are infinite, and their joints may be as far off as their
-    limits let them.
+    The simpler hand is as large as the person's, with the same parts; it has no internal proportions. Nothing is said of the fingers: their
+    standard deviations are infinite, and their joints may be as far off as their limits let them.
     """
-    joint[3:6] = wrapped(joint[3:6])
-    params = model.solver_params(joint)
+    model, joint, shown = task.model, task.model.joint_params(params), task.control.on_iteration
+    few = load_model(kind, model.side, HandScale(model.scale.overall, model.scale.parts))
+
+    def whole(simpler: Floats) -> Floats:
+        """Return solver parameters (P,) of the whole hand."""
+        joint[:6] = few.joint_params(simpler)[:6]
+        joint[3:6] = wrapped(joint[3:6])
+        return model.solver_params(joint)
+
+    def watch(number: int, k: int, simpler: Floats, cost: float) -> None:
+        if shown is not None:
+            shown(number, k, whole(simpler), cost)
+
+    start = carried_over(model, params, few)
+    held = tuple(replace(one, parameters=few.joint_params(start)) for one in task.previous)
+    state, control = replace(task.state, results=held), replace(task.control, on_iteration=watch)
+    simpler = replace(task, model=few, state=state, control=control)
+    found = solve_frame(_started(simpler, start)).result
+    params = whole(few.solver_params(found.parameters))
     bones, jacobian, _ = model.linearize(params)
     std = found.parameter_std[:6]
     spread = np.diff(model.limits.bounds(joint), axis=1)[:, 0] ** 2 / 12.0  # anywhere between them
     spread[:6] = np.where(np.isfinite(std), std, 1.0) ** 2
     moves = joint_position_jacobian(model, bones, jacobian)
-    return replace(
-        posed_result(model, found, params, max(found.status, Status.DOUBTFUL)),
-        parameter_std=np.append(std, np.full(len(joint) - 6, np.inf)),
-        joint_covariance=np.einsum("jas,s,jbs->jab", moves, spread, moves),
-        energy=found.energy,
-        energies=found.energies,
-        iterations=found.iterations,
-        views=found.views,
+    return Step(
+        replace(
+            posed_result(model, found, params, max(found.status, Status.DOUBTFUL)),
+            parameter_std=np.append(std, np.full(len(joint) - 6, np.inf)),
+            joint_covariance=np.einsum("jas,s,jbs->jab", moves, spread, moves),
+            energy=found.energy,
+            energies=found.energies,
+            iterations=found.iterations,
+            views=found.views,
+        )
     )
 
 

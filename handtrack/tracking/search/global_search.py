@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import pairwise, product, takewhile
 
 import numpy as np
@@ -326,11 +326,23 @@ def narrow(objective: GlobalObjective, candidate: Candidate, iterations: int) ->
 
 @each
 def size(objective: GlobalObjective, candidate: Candidate, iterations: int) -> Candidate:
-    """Optimise pose and overall size."""
+    """Optimise pose and overall size.
+
+    The parts keep their shares: one frame, seen with a pose still wrong, would blame a bent finger on its length. What is
+    looked at stays the same, so that costs can be compared.
+    """
     assert objective.resize is not None, "nothing is proposed where the size is known"
-    exact = [partial(objective.problem, band_m=1e-3 * mm, unbiased=True) for mm in SIZE_BANDS_MM]
-    problems = [partial(objective.problem, band_m=WIDE_M), *exact]
-    return objective.measured(_sized(candidate, problems, objective.resize))
+    for band_m in (WIDE_M, *(1e-3 * mm for mm in SIZE_BANDS_MM)):
+        model, before = candidate.model, candidate.rigid
+        free = np.array([name == "overall" for name in SizeParameters(model).names])
+        problem = objective.problem(candidate, band_m, unbiased=band_m != WIDE_M)
+        scale, (params,) = fit_size([problem], [candidate.params], free)
+        model = objective.resize(model, scale)
+        shape = shape_of(model, model.joint_params(params), before.posture)
+        shape = replace(shape, reach=before.reach)
+        candidate = replace(candidate, model=model, shape=shape, params=params)
+    origin = f"{candidate.origin}, of another size"
+    return objective.measured(replace(candidate, origin=origin))
 
 
 @each
@@ -363,28 +375,6 @@ def _solved(objective: GlobalObjective, candidate: Candidate, own: Mapping[str, 
     solved = solve_frame(FrameTask(model, settings, objective.observation, start, control=control))
     params = model.solver_params(solved.result.parameters)
     return objective.measured(replace(candidate, params=params, solved=solved))
-
-
-def _sized(
-    candidate: Candidate,
-    problems_around: Sequence[Callable[[Candidate], Problem]],
-    resize: Resize,
-) -> Candidate:
-    """Return a pose with the overall size that explains what was seen best with it.
-
-    The parts keep their shares: one frame, seen with a pose still wrong, would blame a bent finger on its length. What is
-    looked at stays the same, so that costs can be compared. problems_around: what pulls a candidate, from far first.
-    """
-    for problem_around in problems_around:
-        model, before = candidate.model, candidate.rigid
-        free = np.array([name == "overall" for name in SizeParameters(model).names])
-        problem = problem_around(candidate)
-        scale, (params,) = fit_size([problem], [candidate.params], free)
-        model = resize(model, scale)
-        shape = shape_of(model, model.joint_params(params), before.posture)
-        shape = replace(shape, reach=before.reach)
-        candidate = replace(candidate, model=model, shape=shape, params=params)
-    return replace(candidate, origin=f"{candidate.origin}, of another size")
 
 
 @lru_cache(maxsize=8)

@@ -24,7 +24,7 @@ from handtrack.terms.images.carried_texture import (
     still_visible,
     texture_points,
 )
-from handtrack.terms.images.depth_picture import DepthPicture, depth_picture
+from handtrack.terms.images.depth_picture import depth_picture
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm, edges_near, outline_points
 from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.loss import geman_mcclure
@@ -116,67 +116,41 @@ def appearance_terms(
     start: BonePoses,
 ) -> list[ObservationTerm]:
     """Return edges and texture of one stage; what is visible, and which edges are near, is frozen at `start`."""
-    pictures = [depth_picture(_looked_at(model), start, view.camera) for view in images]
-    views = list(zip(images, pictures, strict=True))
+    mesh, step_m = _looked_at(model), _step_m(model)
+    views = [(view, depth_picture(mesh, start, view.camera)) for view in images]
+    # whether costs of different poses are held against each other, each with what it shows of the model
+    compared = settings.tracker.hypotheses > 1
     terms: list[ObservationTerm] = []
     if settings.edges.weight > 0:
-        terms.append(_edges(model, views, settings, stage, start))
-    for points in carried:
-        view = next(view for view in views if view[0].camera is points.camera)
-        terms.append(_texture(points, view, _step_m(model), settings, stage, start))
-    return terms
-
-
-def _edges(
-    model: ArticulatedModel,
-    views: Sequence[tuple[ImageView, DepthPicture]],
-    settings: TrackerSettings,
-    stage: int,
-    start: BonePoses,
-) -> OutlineEdgesTerm:
-    chosen = settings.edges
-    search = at_stage(EDGE_SEARCH_PX, stage)
-    sigma = max(search / _SIGMAS, chosen.sigma_px)
-    found = []
-    for view, picture in views:
-        outline = outline_points(_looked_at(model), start, picture, _step_m(model))
+        search = at_stage(EDGE_SEARCH_PX, stage)
         smoothing = max(_LEAST_SMOOTHING_PX, search / 8.0)
-        image = smooth_image(view.pixels, smoothing, outline.pixel, search + 2.0)
-        found.append(edges_near(outline, image, search))
-    return OutlineEdgesTerm(
-        found,
-        sigma_px=sigma,
-        weight=chosen.weight,
-        from_unexplained=_compared(settings),
-    )
-
-
-def _texture(
-    carried: CarriedPoints,
-    view: tuple[ImageView, DepthPicture],
-    step_m: float,
-    settings: TrackerSettings,
-    stage: int,
-    start: BonePoses,
-) -> CarriedTextureTerm:
-    chosen, (image, picture) = settings.intensity, view
-    smoothing = at_stage(TEXTURE_SMOOTH_PX, stage)
-    texture = still_visible(carried.texture(smoothing), start, picture, step_m)
-    at = carried.camera.project(start.to_world(texture.bone, texture.local))
-    now = smooth_image(image.pixels, smoothing, at, 8.0 + 4.0 * smoothing)
+        found = []
+        for view, picture in views:
+            outline = outline_points(mesh, start, picture, step_m)
+            image = smooth_image(view.pixels, smoothing, outline.pixel, search + 2.0)
+            found.append(edges_near(outline, image, search))
+        sigma = max(search / _SIGMAS, settings.edges.sigma_px)
+        weight = settings.edges.weight
+        terms.append(
+            OutlineEdgesTerm(found, sigma_px=sigma, weight=weight, from_unexplained=compared)
+        )
+    smoothing, robust = at_stage(TEXTURE_SMOOTH_PX, stage), geman_mcclure(at_stage(_ROBUST, stage))
     share = min(1.0, (_SPACING_PX / max(TEXTURE_CORRELATION_PX, smoothing)) ** 2)
-    return CarriedTextureTerm(
-        [(exposed_as(texture, start, now), now)],
-        chosen.sigma,
-        geman_mcclure(at_stage(_ROBUST, stage)),
-        weight=chosen.weight * carried.share * share,
-        from_unexplained=_compared(settings),
-    )
-
-
-def _compared(settings: TrackerSettings) -> bool:
-    """Return whether costs of different poses are held against each other, each with what it shows of the model."""
-    return settings.tracker.hypotheses > 1
+    for points in carried:
+        view, picture = next(one for one in views if one[0].camera is points.camera)
+        texture = still_visible(points.texture(smoothing), start, picture, step_m)
+        at = points.camera.project(start.to_world(texture.bone, texture.local))
+        now = smooth_image(view.pixels, smoothing, at, 8.0 + 4.0 * smoothing)
+        terms.append(
+            CarriedTextureTerm(
+                [(exposed_as(texture, start, now), now)],
+                settings.intensity.sigma,
+                robust,
+                weight=settings.intensity.weight * points.share * share,
+                from_unexplained=compared,
+            )
+        )
+    return terms
 
 
 def appearance_stages(settings: TrackerSettings) -> int:
