@@ -20,7 +20,7 @@ from handtrack.export.registry import FORMATS
 from handtrack.version import VERSION
 
 if TYPE_CHECKING:
-    from handtrack_app.commands.terminal.output import Answer
+    from handtrack_app.commands.output import Answer
 
 EXIT_OK, EXIT_INTERNAL, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 
@@ -50,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     from handtrack.capture.images.containers import CAPTURE_OPTIONS
-    from handtrack_app.commands.terminal.output import Answer
+    from handtrack_app.commands.output import Answer
 
     os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", CAPTURE_OPTIONS)
     try:

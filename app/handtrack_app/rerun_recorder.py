@@ -18,7 +18,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from http.client import HTTPConnection
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -38,7 +38,6 @@ from handtrack.diagnostics.residuals import (
     residual_image,
     space_residuals,
 )
-from handtrack.errors import HandtrackError
 from handtrack.files.user_folder import user_data_folder
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import quaternion_wxyz
@@ -88,10 +87,8 @@ class ResidualRecorder:
         closely: int | None = None,
         report: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Start. closely: a frame whose every iteration is recorded, if tracked as `watching` says. tell: gets the address of the live
+        """Start. closely: a frame whose every iteration is recorded, if tracked as `watching` says. report: gets the address of the live
         viewer's page once it is there.
-
-        Raises HandtrackError when the file cannot be written.
         """
         self.without_pictures = 0
         """frames recorded without pictures, because painting was slower than tracking"""
@@ -105,7 +102,7 @@ class ResidualRecorder:
         """None: the end"""
         self._live, self._report = live, report
         assert path is not None or live, "neither a file nor a viewer"
-        self._path = None if path is None else writable(path)
+        self._path = path
         self._viewer = RerunViewer() if live else None
         self._results: dict[int, FrameResult] = {}
         """of the frames that were recorded"""
@@ -598,6 +595,7 @@ def recording_to(
 
     sinks: list[FileSink | GrpcSink] = []
     if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
         sinks.append(rr.FileSink(str(path)))
     if viewer is not None:
         viewer.start()
@@ -687,18 +685,3 @@ def layout(kinds: Set[str] = frozenset()) -> Blueprint:
         ),
         rrb.TimePanel(timeline="frame"),
     )
-
-
-def writable(path: Path) -> Path:
-    """Return a file's path. Raises HandtrackError when a recording cannot be written there."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError), path.open("rb+"):
-            return path
-        path.touch()
-    except OSError as error:
-        raise HandtrackError(
-            f"{path}: the recording for rerun cannot be written there ({error.strerror}). Name another "
-            "file, ending in .rrd."
-        ) from None
-    return path

@@ -43,7 +43,7 @@ from handtrack.parallel import thread_count
 from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.session import Session
 from handtrack.session.takes import files_read, versions_in_use
-from handtrack_app.commands.terminal.output import Answer, print_status, progress_bar, stoppable
+from handtrack_app.commands.output import Answer, print_status, progress_bar, stoppable
 
 LEDGER_FILE = "ledger.jsonl"
 _MADE = {TRACKS_FOLDER, "versions"}

@@ -36,7 +36,7 @@ from handtrack.capture.images.raw_frames import PATTERNS, MosaicFiles
 from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import keep_version, replacing
-from handtrack_app.commands.terminal.output import Answer, output_file, print_status, progress_bar
+from handtrack_app.commands.output import Answer, output_file, print_status, progress_bar
 
 _Inputs = dict[str, dict[str, FrameSource]]
 """by camera, its sources: `shared`, matched between cameras by frame number, and `alone`, of its lens"""

@@ -26,7 +26,7 @@ from handtrack.session.formats.tables import read_npz
 from handtrack.session.formats.truth import import_truth
 from handtrack.session.session import Session
 from handtrack.session.sources.video_audits import keep_audits
-from handtrack_app.commands.terminal.output import Answer, output_file, print_status
+from handtrack_app.commands.output import Answer, output_file, print_status
 
 _SIZES_M = (0.02, 3.0)
 """of what may be tracked: a small gripper to more than a tall body"""

@@ -38,14 +38,14 @@ from handtrack.session.layout import KEYPOINTS_FOLDER, MASKS_FOLDER, POSES_FILE,
 from handtrack.session.refined_masks import MaskRefinement
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
-from handtrack_app.commands.terminal.output import (
+from handtrack_app.commands.output import (
     Answer,
     note,
     print_status,
     progress_bar,
     stoppable,
 )
-from handtrack_app.commands.terminal.track_options import parse_frames
+from handtrack_app.commands.track import parse_frames
 
 _MOST = 0.5
 """share of a camera's images in which its joints must be for its masks to be made by them, as for `new`"""

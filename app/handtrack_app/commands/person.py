@@ -23,7 +23,7 @@ from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import model_of
 from handtrack.tracking.size.person import spread_of_track
-from handtrack_app.commands.terminal.output import (
+from handtrack_app.commands.output import (
     INTERRUPTED,
     Answer,
     note,
@@ -33,7 +33,7 @@ from handtrack_app.commands.terminal.output import (
     share_bar,
     stoppable,
 )
-from handtrack_app.commands.terminal.track_options import (
+from handtrack_app.commands.track import (
     ask_for_other_side,
     asked_for,
     parse_frames,

@@ -24,8 +24,8 @@ from handtrack.store.lease import holder_of
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import Take
 from handtrack.tracking.frame.result import TrackResult, model_of
-from handtrack_app.commands.terminal.output import Answer, note, output_file, print_status
-from handtrack_app.commands.terminal.track_options import parse_frames
+from handtrack_app.commands.output import Answer, note, output_file, print_status
+from handtrack_app.commands.track import parse_frames
 
 _NEGLIGIBLE_M = 1e-4  # a tenth of a millimetre: the bound that every format is held to
 

@@ -37,7 +37,7 @@ from handtrack.simulation.retarget import (
     write_captured,
 )
 from handtrack.simulation.simulate import Simulation, simulate
-from handtrack_app.commands.terminal.output import (
+from handtrack_app.commands.output import (
     Answer,
     check_new,
     new_folder,

@@ -10,7 +10,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session, demo_session
 from handtrack.session.layout import SESSION_FILE
 from handtrack_app.access.address import choose_port
-from handtrack_app.commands.terminal.output import check_new, print_status
+from handtrack_app.commands.output import check_new, print_status
 from handtrack_app.log import ENGINE_LOG
 from handtrack_app.process.child import (
     EngineChild,

@@ -5,8 +5,8 @@ from dataclasses import replace
 from handtrack import Session, Status, evaluate, read_npz
 from handtrack.session import track_session
 from handtrack.session.first_pose.first_pose_search import find_first_poses
-from handtrack_app.commands.terminal import track_options
-from handtrack_app.commands.terminal.track_options import percent
+from handtrack_app.commands import track
+from handtrack_app.commands.track import percent
 
 
 def test_a_start_that_is_not_sure_is_taken_where_frames_confirm_it_or_its_user_says_so(
@@ -21,15 +21,15 @@ def test_a_start_that_is_not_sure_is_taken_where_frames_confirm_it_or_its_user_s
         searched.extend([] if searched else find_first_poses(*given))
         return [replace(one, **changed) for one in searched]
 
-    monkeypatch.setattr(track_options, "find_first_poses", search)
+    monkeypatch.setattr(track, "find_first_poses", search)
     monkeypatch.setattr(track_session, "wrong_side_warning", lambda *_: "")  # as long as a search
     out = tmp_path / "poses.npz"
     asked = ("track", session, "--init", "auto", "--out", out, "--frames")
     ended = handtrack.does(*asked, "0:2")
     assert "\n  or: " in ended.err
-    track = read_npz(out)
-    assert evaluate(track, Session.open(session).truth)["mpjpe_tracked_mm"] < 0.5  # measured 0.1
-    assert track.start_confidence > 0.85
+    tracked = read_npz(out)
+    assert evaluate(tracked, Session.open(session).truth)["mpjpe_tracked_mm"] < 0.5  # measured 0.1
+    assert tracked.start_confidence > 0.85
 
     out.unlink()
     changed["confidence"] = 0.5

@@ -9,7 +9,7 @@ import pytest
 from handtrack import Session, Status, bundled_session, evaluate, load_model, read_npz
 from handtrack.model.pose_library import named_pose
 from handtrack.tracking.find_pose import PoseEstimate
-from handtrack_app.commands.terminal import track_options
+from handtrack_app.commands import track
 from tests.app.command_line import SIZE
 from tests.capture.mosaics import mosaic_of
 from tests.session.small_session import edit
@@ -91,7 +91,7 @@ def test_joints_of_the_other_hand_are_asked_about_before_anything_is_tracked(
     searched = (*tracked, "--init", "auto")
     points[0] = np.nan  # no camera shows the wrist
     found = PoseEstimate(left, pose, 0.0, confidence=1.0, frame=0, points=points)
-    monkeypatch.setattr(track_options, "find_first_poses", lambda *_: [found])
+    monkeypatch.setattr(track, "find_first_poses", lambda *_: [found])
     for command in (tracked, searched, ("size", session)):
         refused = handtrack(*command)
         assert refused.code == 2 and "--yes" in refused.err and not out.exists()

@@ -1,6 +1,8 @@
 """Correcting a pose: the palm dragged and turned, a joint pulled freely or pinned in a camera's picture, flipped,
 copied, tuned; what is told of it."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -10,7 +12,7 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app import protocol
 from handtrack_app.engine import tuning_service
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
-from handtrack_app.page.scene.grips import WholeDrag, hold_at
+from handtrack_app.page.scene.grips import dragged_root, hold_at
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 
@@ -140,9 +142,9 @@ def test_what_is_not_of_this_hand_is_not_held_and_a_drag_that_tells_nothing_chan
     behind = card.centre - card.rotation[2]
     assert hold_at(session, pose, card, 0, behind) is None
     for middle in (None, pose.middle):
-        drag = WholeDrag(card, pose.values[:6], pose.joints[0], middle)
-        assert drag.to(behind) is None
-    assert drag.to(pose.middle) is None, "on the axis itself"
+        root_at = partial(dragged_root, card, pose.values[:6], pose.joints[0], middle)
+        assert root_at(behind) is None
+    assert root_at(pose.middle) is None, "on the axis itself"
 
 
 def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(bench, page):

@@ -47,7 +47,7 @@ from handtrack.geometry.camera import Camera, CameraRig, scaled_by
 from handtrack.session.layout import is_pattern
 from handtrack.session.session import Session
 from handtrack.session.session_file import BODY_TRACKING, is_definition
-from handtrack_app.commands.terminal.output import can_ask, confirmed, note, print_status, question
+from handtrack_app.commands.output import can_ask, confirmed, note, print_status, question
 
 # ---- What is given of each camera: a video or image files, depth files, joints
 

@@ -51,7 +51,7 @@ from handtrack_app.commands.new_session.given import (
     with_joints,
     without_padding,
 )
-from handtrack_app.commands.terminal.output import Answer, check_new, new_folder, print_status
+from handtrack_app.commands.output import Answer, check_new, new_folder, print_status
 
 _RATE_TOLERANCE = 0.01
 _MOST = 0.5

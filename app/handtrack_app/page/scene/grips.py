@@ -41,6 +41,8 @@ _POINT_M = 1e-6
 """radius of a joint among the grips: nobody meets it, but the page reads where it is (`name_holds`)"""
 _UNSEEN = 0.004  # opacity: what is not drawn at all cannot be pointed at
 Event = viser.SceneNodeDragEvent[viser.BatchedMeshHandle]
+RootAt = Callable[[Floats[D3]], dict[str, float] | None]
+"""returns where the root is when the pointer is over a point, world [m]; None where that tells nothing"""
 Drag = Callable[[Floats[D3]], None]
 """does what it means that the pointer is over a point, world [m]"""
 
@@ -146,20 +148,22 @@ class Grips:
         tag, card = f"drag {self._count}", self._card_of(client)
         eye, root = card or window_camera(client.handle.camera), np.array(pose.values[:6])
         if card is not None and turns:
-            return partial(self._move, "Turn", tag, WholeDrag(card, root, start, pose.middle))
+            turned = partial(dragged_root, card, root, start, pose.middle)
+            return partial(self._move, "Turn", tag, turned)
         index = ellipsoid_at(session, pose, start)
         hold = None if index is None else hold_at(session, pose, eye, index, start)
         if hold is None:
             return None
         if hold.bone in session.stem_bones:
             # parallel to the image, or, seen freely, to the screen
-            return partial(self._move, "Move", tag, WholeDrag(eye, root, start))
+            moved = partial(dragged_root, eye, root, start, None)
+            return partial(self._move, "Move", tag, moved)
         if card is None:
             return partial(self._pull, tag, hold, place_of(hold, session, pose) - start)
         return partial(self._pin, tag, hold, card)
 
-    def _move(self, words: str, tag: str, drag: WholeDrag, end: Floats[D3]) -> None:
-        edit = drag.to(end)
+    def _move(self, words: str, tag: str, root_at: RootAt, end: Floats[D3]) -> None:
+        edit = root_at(end)
         if edit is not None:
             self._page.edit_pose(edit, words, tag, is_stroke=True)
 
@@ -282,47 +286,43 @@ _NEAR_AXIS_M = 0.004
 """so near to the axis the pointer tells no angle: a tremble would turn the hand over"""
 
 
-@dataclass(frozen=True, eq=False)
-class WholeDrag:
-    """A drag of the whole hand in a camera's picture, from where it began."""
+def dragged_root(
+    card: Camera,
+    root: Floats[D6],
+    start: Floats[D3],
+    middle: Floats[D3] | None,
+    end: Floats[D3],
+) -> dict[str, float] | None:
+    """Return root parameters by name when the whole hand is dragged in a camera's picture; None where that tells nothing.
 
-    card: Camera
-    root: Floats[D6]
-    """[m, rad]"""
-    start: Floats[D3]
-    """what was taken hold of, world [m]"""
-    middle: Floats[D3] | None = None
-    """of the hand, world [m]: it turns about the line of sight to that; None: it moves parallel to the image"""
-
-    def to(self, end: Floats[D3]) -> dict[str, float] | None:
-        """Return root parameters by name when the pointer is over a point, world [m]; None where that tells nothing."""
-        middle = self.middle
-        now, was = (
-            self._as_deep(p, self.start if middle is None else middle) for p in (end, self.start)
-        )
-        if now is None or was is None:
+    root: where the drag began [m, rad]. start, end: what was taken hold of, and where the pointer is now, world [m]. middle: of the
+    hand, world [m], which turns about the line of sight to that; None: it moves parallel to the image.
+    """
+    now, was = (_as_deep(card, p, start if middle is None else middle) for p in (end, start))
+    if now is None or was is None:
+        return None
+    place, turn = root[:3], root[3:]
+    if middle is None:
+        place = place + now - was
+    else:
+        axis = middle - card.centre
+        axis = axis / np.linalg.norm(axis)
+        was, now = (p - middle - ((p - middle) @ axis) * axis for p in (was, now))
+        if min(np.linalg.norm(was), np.linalg.norm(now)) < _NEAR_AXIS_M:
             return None
-        place, turn = self.root[:3], self.root[3:]
-        if middle is None:
-            place = place + now - was
-        else:
-            axis = middle - self.card.centre
-            axis = axis / np.linalg.norm(axis)
-            was, now = (p - middle - ((p - middle) @ axis) * axis for p in (was, now))
-            if min(np.linalg.norm(was), np.linalg.norm(now)) < _NEAR_AXIS_M:
-                return None
-            by = rotation_matrix(axis * np.arctan2(np.cross(was, now) @ axis, was @ now))
-            place = middle + by @ (place - middle)
-            turn = rotation_vector(by @ rotation_matrix(turn))
-        return dict(zip(ROOT, [*place.tolist(), *turn.tolist()], strict=True))
+        by = rotation_matrix(axis * np.arctan2(np.cross(was, now) @ axis, was @ now))
+        place = middle + by @ (place - middle)
+        turn = rotation_vector(by @ rotation_matrix(turn))
+    return dict(zip(ROOT, [*place.tolist(), *turn.tolist()], strict=True))
 
-    def _as_deep(self, point: Floats[D3], other: Floats[D3]) -> Floats[D3] | None:
-        """Return what the camera sees where it sees a point, as deep in its picture as another."""
-        way = point - self.card.centre
-        along, depth = self.card.to_camera(np.stack([point, other]))[:, 2]
-        if depth <= 0 or along <= 1e-9 * float(np.linalg.norm(way)):
-            return None
-        return self.card.centre + way * (depth / along)
+
+def _as_deep(card: Camera, point: Floats[D3], other: Floats[D3]) -> Floats[D3] | None:
+    """Return what the camera sees where it sees a point, as deep in its picture as another."""
+    way = point - card.centre
+    along, depth = card.to_camera(np.stack([point, other]))[:, 2]
+    if depth <= 0 or along <= 1e-9 * float(np.linalg.norm(way)):
+        return None
+    return card.centre + way * (depth / along)
 
 
 # ---- Pins as they are drawn in the scene: a head on the ray, and a thread to what it holds
