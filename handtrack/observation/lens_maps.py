@@ -14,6 +14,8 @@ from handtrack.geometry.lens import remap_source
 
 Roi = tuple[int, int, int, int]
 """x, y, width, height [px] in the real, distorted image."""
+_BAND = 100_000
+"""numbers of as many rows as are bent at a time: what comes in between stays in the processor's cache, and small"""
 
 
 class LensMaps(NamedTuple):
@@ -37,15 +39,22 @@ class LensMaps(NamedTuple):
 @lru_cache(maxsize=32)
 def lens_maps(camera: Camera, roi: Roi | None) -> LensMaps:
     """Return a camera's maps. The camera without distortion is the same object each time, so that it can be a key."""
-    width, height = camera.size
     straight = camera.without_distortion() if camera.is_distorted else camera
     pixels = pixel_grid(camera.size)
+    bands = np.array_split(pixels, -(-pixels.size // _BAND))
+    source, valid = zip(*(_of_rows(camera, roi, rows) for rows in bands), strict=True)
+    runs = np.concatenate(valid)
+    runs.flags.writeable = False
+    return LensMaps(straight, np.concatenate(source) if camera.is_distorted else None, runs)
+
+
+def _of_rows(camera: Camera, roi: Roi | None, pixels: Floats[H, W, D2]) -> tuple[Array, Array]:
+    """Return where the undistorted pixels of some rows come from, and the rows' runs of valid ones."""
+    width, height = camera.size
     source = camera.distort_points(pixels) if camera.is_distorted else pixels
     inside = _inside(source, (0, 0, width, height)) & _inside(source, roi or (0, 0, width, height))
-    valid = longest_runs(inside)
-    valid.flags.writeable = False
     # beyond the lens's field the source is NaN; any place will do, since those pixels are not valid
-    return LensMaps(straight, remap_source(source) if camera.is_distorted else None, valid)
+    return remap_source(source), longest_runs(inside)
 
 
 def _inside(source: Array, box: Roi) -> Array:
