@@ -131,6 +131,13 @@ class Camera:
         directions = np.where(in_front, directions, np.nan)
         return self._pixels(distort(directions, self.distortions))
 
+    def shows(self, points_world: Floats[*Axes, D3]) -> Array[*Axes]:
+        """Return which world points [m] lie within the image; what hides them does not matter."""
+        pixels = self.project(points_world)
+        # NaN is in no image
+        inside = (pixels >= -0.5) & (pixels <= np.array(self.size) - 0.5)
+        return np.asarray(inside.all(axis=-1))
+
     def without_distortion(self) -> Camera:
         """Return the camera with the same matrix, pose and size, and no distortion."""
         return replace(self, distortions=np.zeros(5))

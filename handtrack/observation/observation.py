@@ -31,6 +31,8 @@ from handtrack.geometry.camera import Camera
 from handtrack.observation.lens_maps import Roi, lens_maps
 from handtrack.observation.pins import ImagePins
 
+CloudView = tuple[Camera, ...] | Floats[K, D3]
+"""cameras that must all see a point for it to be measured, or their centres (K, 3), world [m], where it is not known what their images show"""
 CLOUD_NAME = ""
 """a cloud's name among those of cameras"""
 UNKNOWN = np.float32(-1.0)
@@ -237,8 +239,8 @@ class Observation:
     silhouettes: tuple[Silhouette, ...] = ()
     keypoints: tuple[Keypoints | ImageKeypoints, ...] = ()
     cloud: PointCloud | None = None
-    cloud_views: tuple[Floats[K, D3], ...] = ()
-    """what can have seen the cloud's points: camera centres, world [m], that must all see one"""
+    cloud_views: tuple[CloudView, ...] = ()
+    """what can have seen the cloud's points"""
     cloud_cameras: tuple[str, ...] = ()
     """those that measured the cloud: it has the mean of their times"""
     images: tuple[ImageView, ...] = ()
@@ -317,6 +319,13 @@ class Observation:
         """Whether nothing was seen of the frame; the caller's own terms do not count as seen."""
         seen = (self.silhouettes, self.keypoints, self.images, self.pins)
         return self.cloud is None and not any(seen)
+
+
+def view_centres(view: CloudView) -> Floats[K, D3]:
+    """Return where the cameras of a view are, world [m]."""
+    if isinstance(view, tuple):
+        return np.array([camera.centre for camera in view])
+    return np.atleast_2d(np.asarray(view, dtype=float))
 
 
 _PARTS: dict[str, tuple[type | tuple[type, ...], str]] = {

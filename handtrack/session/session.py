@@ -507,7 +507,7 @@ class Session:
         return replace(
             seen,
             cloud=cloud,
-            cloud_views=self._clouds.cameras_needed,
+            cloud_views=self._clouds.views,
             cloud_cameras=self._clouds.names,
         )
 

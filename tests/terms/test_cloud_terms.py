@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 
-from handtrack import load_model
+from handtrack import Camera, load_model
+from handtrack.geometry.camera import camera_matrix
 from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
@@ -24,6 +25,8 @@ from tests.terms.silhouette_scene import assert_same_system
 
 HAND = load_model()
 SURFACE, RESTING = MetaballSurface.of(HAND), HAND.bones(HAND.rest_params())
+MESH = surface_mesh(SURFACE, RESTING, 0.006)
+VERTICES, _ = MESH.carried(RESTING)
 LOSSES = [quadratic(), geman_mcclure(2.0), huber(1.5), uniform_outliers(0.2, 20.0)]
 
 
@@ -48,15 +51,12 @@ def test_distances_are_summed_as_in_the_plain_form_and_have_its_slope(rng, form,
     check_observation_term(few, bones, HAND.skeleton.bone_names, step=1e-8, rtol=1e-4)
 
 
-def test_an_empty_cloud_asks_for_nothing(rng):
-    _, bones = hand_cloud(rng, 1)
+def test_an_empty_cloud_asks_for_nothing():
     for points in (np.zeros((0, 3)), np.full((4, 3), np.nan)):
-        cloud = prepare_cloud(points)
-        term = CloudDistanceTerm(cloud, SURFACE)
-        system = term.linearize(bones)
-        assert system.cost == term.cost(bones) == 0.0
+        term = CloudDistanceTerm(prepare_cloud(points), SURFACE)
+        system = term.linearize(RESTING)
+        assert system.cost == term.cost(RESTING) == term.cloud.count == 0
         assert not system.gradient.any() and not system.hessian.any()
-        assert cloud.count == 0
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -67,14 +67,15 @@ def test_a_losses_weight_is_the_slope_of_its_value(loss):
     assert loss.value(np.zeros(1))[0] == pytest.approx(0.0, abs=1e-15)
 
 
+def distances_to(points):
+    """Return the distance map of points, 4 cm around a hand at rest."""
+    return distance_map(points, VERTICES.min(axis=0) - 0.04, VERTICES.max(axis=0) + 0.04)
+
+
 @pytest.fixture(scope="module")
 def emptiness():
-    rng = np.random.default_rng(3)
-    points, _ = sample_surface(SURFACE, RESTING, 4000, rng)
-    mesh = surface_mesh(SURFACE, RESTING, 0.006)
-    vertices, _ = mesh.carried(RESTING)
-    distances = distance_map(points, vertices.min(axis=0) - 0.04, vertices.max(axis=0) + 0.04)
-    return CloudEmptinessTerm(distances, mesh.bone, mesh.local)
+    points, _ = sample_surface(SURFACE, RESTING, 4000, np.random.default_rng(3))
+    return CloudEmptinessTerm(distances_to(points), MESH.bone, MESH.local)
 
 
 @pytest.mark.parametrize("count", [1, 60, 40_000])
@@ -82,12 +83,11 @@ def test_distances_near_the_surface_are_exact_to_a_tenth_of_a_millimetre(count):
     """Sparse to dense clouds on a hand: at the cloud's nodes, on the surface and up to 6 mm away; further, on average."""
     rng = np.random.default_rng(1)
     cloud = sample_surface(SURFACE, RESTING, count, rng)[0] + rng.normal(0.0, 3e-4, (count, 3))
-    mesh, _ = surface_mesh(SURFACE, RESTING, 0.006).carried(RESTING)
-    field = distance_map(cloud, mesh.min(axis=0) - 0.04, mesh.max(axis=0) + 0.04)
+    field = distances_to(cloud)
     values = field.at_nodes()
     nodes = np.moveaxis(np.indices(values.shape), 0, -1).reshape(-1, 3) * field.spacing + field.low
-    near = rng.uniform(-0.004, 0.004, (20, *mesh.shape)) + mesh
-    places = np.concatenate([nodes, mesh, near.reshape(-1, 3), cloud])
+    near = rng.uniform(-0.004, 0.004, (20, *VERTICES.shape)) + VERTICES
+    places = np.concatenate([nodes, VERTICES, near.reshape(-1, 3), cloud])
     exact, found = cKDTree(cloud).query(places)[0], field.at(places)[0]
     off = np.abs(found - exact)
     assert off[exact < 0.006].max() < 1e-4
@@ -126,23 +126,29 @@ def test_emptiness_is_summed_as_its_rows_and_has_its_slope(rng, emptiness, loss)
 
 
 def test_only_what_a_view_can_have_measured_is_asked_for():
-    """A flat open hand from the front: no point of its back, none behind, and both cameras of a pair must see."""
+    """A flat open hand from the front: no point of its back, none behind, none beyond an image, and both cameras of a pair must see."""
     bones = HAND.bones(HAND.params_from({}))
     mesh = surface_mesh(SURFACE, bones, 0.005)
     vertices, normals = mesh.carried(bones)
-    front, side = np.array([[0.0, 0.1, 0.5]]), np.array([[0.5, 0.1, 0.1]])
-    seen = visible_from(vertices, normals, [front])
-    assert (normals[seen] @ [0, 0, 1] > 0).all()
+    front, side = np.array([[[0.0, 0.1, 0.5]], [[0.5, 0.1, 0.1]]])
+
+    def seen_from(*views):
+        return visible_from(vertices, normals, views)
+
+    seen, by_side = seen_from(front), seen_from(side)
+    assert (normals[seen, 2] > 0).all()
     assert seen[normals[:, 2] > 0.8].mean() > 0.9
-    both = visible_from(vertices, normals, [np.concatenate([front, side])])
-    either = visible_from(vertices, normals, [front, side])
-    by_side = visible_from(vertices, normals, [side])
-    assert_array_equal(both, seen & by_side)
-    assert_array_equal(either, seen | by_side)
-    assert visible_from(vertices, normals, []).all()
+    assert_array_equal(seen_from(np.concatenate([front, side])), seen & by_side)
+    assert_array_equal(seen_from(front, side), seen | by_side)
+    assert seen_from().all()
+    matrix = camera_matrix(500, 500, -0.5, 200)
+    halved = Camera.from_opencv(
+        matrix, None, [np.pi, 0, 0], [0, 0.1, 0.5], name="half", size=(400, 400)
+    )
+    assert_array_equal(seen_from((halved,)), seen & (vertices[:, 0] > 0))
     # the thumb's side towards x is hidden from the other side by the palm: little of it may be asked for
     thumb = np.isin(mesh.bone, [HAND.skeleton.bone(f"thumb_{b}") for b in ("proximal", "distal")])
-    facing = normals @ [1, 0, 0] > 0.5
+    facing = normals[:, 0] > 0.5
     assert by_side[thumb & facing].mean() < 0.5 < by_side[~thumb & facing].mean()
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, C, Floats, K
+from handtrack.arrays import D3, C, Floats
 from handtrack.capture.clouds.cloud_files import read_cloud
 from handtrack.capture.clouds.cloud_filters import HandRegion
 from handtrack.capture.clouds.depth import depth_cloud
@@ -22,6 +22,7 @@ from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.observation.observation import CloudView, view_centres
 from handtrack.parallel import in_parallel
 from handtrack.session.session_file import SessionFile
 from handtrack.session.sources.views import View
@@ -34,7 +35,7 @@ class CloudSource:
 
     def __init__(
         self,
-        cameras_needed: Sequence[Floats[K, D3]],
+        views: Sequence[CloudView],
         names: Sequence[str],
         parts: Sequence[Callable[[int], PointCloud | None]],
         told: Callable[[], Iterable[str]] = tuple,
@@ -43,9 +44,9 @@ class CloudSource:
         self._parts, self._told = parts, told
         self.names = tuple(names)
         """of the session's cameras whose images are measured; none where clouds are read from files"""
-        self.cameras_needed = tuple(cameras_needed)
-        """centres (K, 3), world [m], of cameras that must all see a point for it to be measured, a set each"""
-        self.camera_centres: Floats[C, D3] = np.concatenate(self.cameras_needed)
+        self.views = tuple(views)
+        """what can have seen the points"""
+        self.camera_centres: Floats[C, D3] = np.concatenate([view_centres(v) for v in self.views])
         """(C, 3) world [m], of the cameras that measured"""
 
     @property
@@ -152,8 +153,8 @@ def cloud_source(
     by_name = {view.name: view for view in views}
     if settings.depth:
         chosen = [by_name[name] for name in settings.depth]
-        centres = [view.camera.centre[None] for view in chosen]
-        return CloudSource(centres, settings.depth, [partial(_depth_cloud, v) for v in chosen])
+        alone = [(view.camera,) for view in chosen]
+        return CloudSource(alone, settings.depth, [partial(_depth_cloud, v) for v in chosen])
     if settings.stereo:
         both = [(by_name[first], by_name[second]) for first, second in settings.stereo]
         pairs = [_StereoPair(*views, settings.matching) for views in both]
@@ -163,7 +164,7 @@ def cloud_source(
             return filter(None, (*lengths, *(pair.odd for pair in pairs)))
 
         return CloudSource(
-            [np.stack([view.camera.centre for view in views]) for views in both],
+            [(first.camera, second.camera) for first, second in both],
             [view.name for views in both for view in views],
             [pair.read for pair in pairs],
             told,

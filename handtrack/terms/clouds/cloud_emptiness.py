@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, K, M, V, array_dataclass, check_shape
+from handtrack.arrays import D3, Array, Floats, Ints, M, V, array_dataclass, check_shape
 from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import CloudView, view_centres
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.clouds.distance_map import DistanceMap
 from handtrack.terms.clouds.distance_map_kernels import emptiness_sums
@@ -59,26 +60,29 @@ class CloudEmptinessTerm(SurfaceTerm):
 def visible_from(
     points: Floats[V, D3],
     normals: Floats[V, D3],
-    views: Sequence[Floats[K, D3]],
+    views: Sequence[CloudView],
     objects: Floats[M, D3] | None = None,
 ) -> Array[V]:
     """Return True where a view can have measured surface points with outward normals, world [m].
 
-    A view is the centres of cameras that must all see a point: one for a depth camera, two for a stereo pair.
+    A view is one depth camera, or the two of a stereo pair, which must both see a point.
     A point that faces away, or lies behind other points, can have no cloud: to ask for one would drag the model's
-    back to the measured front. So it is behind objects (M, 3), measured points of something else. No views: all True.
+    back to the measured front. So it is behind objects (M, 3), measured points of something else, and beyond an image: a
+    hand that is half in view would be drawn into it. No views: all True.
     """
     if not len(views):
         return np.ones(len(points), bool)
     seen = np.zeros(len(points), bool)
     everything = points if objects is None else np.concatenate([points, objects])
     for view in views:
-        centres = np.atleast_2d(np.asarray(view, dtype=float))
+        centres = view_centres(view)
         check_shape(centres, (None, 3), "camera centres of a view")
         by_all, facing = np.ones((2, len(points)), bool)
         for centre in centres:
             fill_facing(points, normals, centre, GRAZING, facing)
             by_all &= facing & ~hidden(points, everything, centre)
+        for camera in view if isinstance(view, tuple) else ():
+            by_all &= camera.shows(points)
         seen |= by_all
     return seen
 

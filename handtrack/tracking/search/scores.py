@@ -38,7 +38,7 @@ from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.model.surfaces.surface_mesh import surface_mesh
-from handtrack.observation.observation import UNKNOWN, Silhouette
+from handtrack.observation.observation import UNKNOWN, CloudView, Silhouette, view_centres
 from handtrack.sampling.suppression import apart
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, visible_from
@@ -213,8 +213,7 @@ class CloudScore:
     area: float
     """of the surface around each point [m²]"""
     distances: DistanceMap
-    views: tuple[Floats[K, D3], ...]
-    """camera centres, world [m], that must all see a point to measure it"""
+    views: tuple[CloudView, ...]
 
     @cached_property
     def _nodes(self) -> Floats:
@@ -223,7 +222,7 @@ class CloudScore:
     @cached_property
     def _view_directions(self) -> tuple[Floats, Ints]:
         middle = np.median(self.points, axis=0)
-        rays = [np.atleast_2d(view) - middle for view in self.views]
+        rays = [view_centres(view) - middle for view in self.views]
         rays = [way / np.linalg.norm(way, axis=1, keepdims=True) for way in rays]
         start = np.cumsum([0, *map(len, rays)]).astype(np.int64)
         return np.concatenate([*rays, np.zeros((0, 3))]), start
@@ -311,7 +310,7 @@ class CloudScore:
 
 
 def cloud_score(
-    points: Floats[N, D3], views: tuple[Floats[K, D3], ...], seed: int = 0
+    points: Floats[N, D3], views: tuple[CloudView, ...], seed: int = 0
 ) -> CloudScore | None:
     """Return a cloud, world [m], made ready for the search; None where it is too small for a hand.
 

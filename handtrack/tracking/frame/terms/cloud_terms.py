@@ -8,13 +8,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, V, array_dataclass
+from handtrack.arrays import D3, Array, Floats, Ints, M, N, V, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.model.surfaces.surface_mesh import relaxed_mesh
-from handtrack.observation.observation import Observation
+from handtrack.observation.observation import CloudView, Observation, view_centres
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, hiding, visible_from
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
@@ -56,7 +56,7 @@ class CloudObservation:
     emptiness: CloudEmptinessTerm | None
     """E2, for the surface where the frame starts; of the lines of sight, not the points, where depths are doubted. None when
     only the cloud's side is asked for"""
-    views: tuple[Floats[K, D3], ...]
+    views: tuple[CloudView, ...]
     """what can have seen the surface, as in `visible_from`"""
     objects: Floats[M, D3]
     """measured points before the hand, of something else: what they hide is not asked for"""
@@ -152,10 +152,10 @@ def see_cloud(
     )
 
 
-def _is_before(surface: Floats, points: Floats, views: Sequence[Floats]) -> Array[N]:
+def _is_before(surface: Floats, points: Floats, views: Sequence[CloudView]) -> Array[N]:
     """Return which points (N, 3) are of things that hide a part of a surface's points from a camera."""
     found = np.zeros(len(points), bool)
-    for centre in (centre for view in views for centre in np.atleast_2d(view)):
+    for centre in (centre for view in views for centre in view_centres(view)):
         found |= hiding(surface, points, centre)
     if not found.any():
         return found
@@ -184,19 +184,19 @@ def _on_hand(
     return mesh.bone[kept], np.ascontiguousarray(mesh.local[kept])
 
 
-def _asked(views: Sequence[Floats], traits: Traits) -> Sequence[Floats]:
+def _asked(views: Sequence[CloudView], traits: Traits) -> Sequence[CloudView]:
     """Return the views of which the surface that they see is asked for; none: all of it."""
     return () if traits.whole_surface else views
 
 
-def _is_doubted(views: Sequence[Floats], chosen: CloudTermSettings) -> bool:
+def _is_doubted(views: Sequence[CloudView], chosen: CloudTermSettings) -> bool:
     """Return whether lines of sight are all that is believed; each point's must be known."""
     return chosen.doubt_depth and len(views) == 1
 
 
-def _eye(views: Sequence[Floats]) -> Floats:
+def _eye(views: Sequence[CloudView]) -> Floats[D3]:
     """Return the centre (3,) that lines of sight start from; of a pair, the left one's pixels are matched."""
-    return np.atleast_2d(views[0])[0]
+    return view_centres(views[0])[0]
 
 
 def _lines_of_sight(points: Floats, eye: Floats, surface: Floats, margin_m: float) -> Floats:
