@@ -18,7 +18,7 @@ from msgspec import Meta
 from handtrack.arrays import D3, B, Floats, Ints, J
 from handtrack.errors import HandtrackError, check_name, unknown_name
 from handtrack.files.atomic import replace_text
-from handtrack.files.text_files import read_json
+from handtrack.files.text_files import read_json, read_text
 from handtrack.files.toml_table import read_toml
 from handtrack.geometry.rotation import axes_along, rotation_matrix
 from handtrack.model.articulated import (
@@ -227,10 +227,22 @@ def model_from_definition(
         ) from None
 
 
+_END = "# end"
+_WHOLE = f"# A person, by handtrack; whole if it ends with {_END}"
+
+
 def read_scale(path: Path) -> HandScale:
     """Return a person's saved hand or body, as `scale_table` has it: TOML by its name, else JSON. Raises HandtrackError."""
-    read = read_toml if path.suffix.lower() == ".toml" else read_json
-    return scale_from(read(path, "a saved hand"), path)
+    if path.suffix.lower() != ".toml":
+        return scale_from(read_json(path, "a saved hand"), path)
+    table = read_toml(path, "a saved hand")
+    text = read_text(path, "a saved hand")
+    if text.startswith(_WHOLE) and _END not in text.removeprefix(_WHOLE):
+        raise HandtrackError(
+            f"{path}: the file is cut off: its last line is missing, {_END!r}. Copy it again, or make it anew with "
+            "`handtrack person`."
+        )
+    return scale_from(table, path)
 
 
 def scale_from(data: Any, path: Path | str) -> HandScale:
@@ -282,7 +294,7 @@ def write_scale(path: Path, scale: HandScale, words: Mapping[str, str] | None = 
         place = next((text[k] for k in ("parts", "proportions") if name in text.get(k, {})), text)
         if name in place:
             place[name].comment(said)
-    replace_text(path, tomlkit.dumps(text))
+    replace_text(path, f"{_WHOLE}\n{tomlkit.dumps(text)}\n{_END}\n")
 
 
 def scale_table(scale: HandScale) -> dict[str, Any]:

@@ -185,6 +185,11 @@ class TrackingRun:
         return self.session.hand_scale == "fit" or self.offsets_are_open
 
     @property
+    def fits_sizes(self) -> bool:
+        """Whether `fit_size` finds lengths and girths, not only where a detector sees joints."""
+        return self.session.hand_scale == "fit" and self.session.prior_person is None
+
+    @property
     def offsets_are_open(self) -> bool:
         """Whether it is to be found where a detector sees joints: no saved hand says so."""
         saved = isinstance(self.session.hand_scale, Path) and bool(self.scale.offsets_mm)
@@ -223,7 +228,7 @@ class TrackingRun:
         session.toml.
         """
         if sizes is None:
-            sizes = self.session.hand_scale == "fit" and self.prior_person is None
+            sizes = self.fits_sizes
         share, usual = 0.0, MOST_BY_JOINTS if self.sees_joints else MOST_FRAMES
         if tracked is None:
             tracked = posed_by_joints(self, frames or self.session.frame_range, control.should_stop)

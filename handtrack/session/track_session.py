@@ -311,7 +311,8 @@ class _Tracking(Observer):
             self._steps.append(step)
 
     def _sizing(self, run: TrackingRun, words: str, **frames: Any) -> TrackingRun:
-        self.progress(0.0, f"fitting the {run.model.kind}'s size {words}…", "size")
+        what = f"the {run.model.kind}'s size" if run.fits_sizes else "where joints are detected"
+        self.progress(0.0, f"fitting {what} {words}…", "size")
         return run.fit_size(Control(self._stops, self._shown), **frames)
 
     def events(self) -> Iterator[Event]:

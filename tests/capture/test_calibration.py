@@ -33,6 +33,7 @@ def test_reads_aniposes_form_in_metres(tmp_path):
     rig = read_rig(write(tmp_path / "c.toml", GOOD), world_unit_m=0.001)
     camera = rig["cam0"]
     assert rig.names == ("cam0",)
+    assert read_rig(write(tmp_path / "c.toml", GOOD.replace("= false", '= "False"'))).names
     assert camera.size == (640, 480)
     assert_allclose(camera.translation, [0.01, 0.02, 0.7])
     assert_allclose(camera.rotation, cv2.Rodrigues(np.array([0.1, 0.2, 0.3]))[0])

@@ -39,6 +39,8 @@ def picture(value):
 )
 def test_the_frame_is_the_last_group_of_digits(name, frame):
     assert frame_number(name) == frame
+    with pytest.raises(HandtrackError):
+        frame_number("1700000000.040000.png")
 
 
 def test_gaps_are_misses_and_shift_nothing(tmp_path):

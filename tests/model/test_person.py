@@ -30,10 +30,15 @@ FITTED = HandScale(
 
 @pytest.mark.parametrize("name", ["me.toml", "me.json"])
 def test_the_whole_person_comes_back(tmp_path, name):
-    write_scale(tmp_path / name, FITTED, {"thumb": "−3.0 %", "overall": "+5.0 %"})
-    again = read_scale(tmp_path / name)
+    path = tmp_path / name
+    write_scale(path, FITTED, {"thumb": "−3.0 %", "overall": "+5.0 %"})
+    again = read_scale(path)
     assert scale_table(again) == scale_table(FITTED)
     assert_array_equal(again.covariance.matrix, FITTED.covariance.matrix)
+    whole = path.read_text()
+    path.write_text(whole[: whole.rindex("covariance") - 1])
+    with pytest.raises(HandtrackError):  # cut off, though a table ends there
+        read_scale(path)
 
 
 @pytest.mark.parametrize(

@@ -75,16 +75,29 @@ def edited(file, old, new):
     return lambda folder: edit(folder / file, old, new)
 
 
+def with_masks_far_apart(folder):
+    for frame in range(4):
+        path = folder / f"masks/cam1/{frame:03d}.png"
+        path.rename(path.with_name(f"{3001 * frame}.png"))
+    masks(EMPTY, [3001])(folder)
+
+
+def with_times_of_one_camera(folder):
+    (folder / "t.csv").write_text("camera,frame,time_s\ncam0,0,0.0\ncam0,3,0.3")
+    edit(folder / "session.toml", "fps = 10.0", 'timestamps = "t.csv"')
+
+
 ODD = {
+    "masks far apart": (with_masks_far_apart, "warning", "camera 'cam1': 1 of 4 masks are empty"),
+    "times of one camera": (
+        with_times_of_one_camera,
+        "warning",
+        "camera 'cam1' has no times in t.csv",
+    ),
     "all masks empty": (
         masks(EMPTY),
         "error",
         "camera 'cam1': all masks looked at (4) are empty.",
-    ),
-    "one mask empty": (
-        masks(EMPTY, range(2, 3)),
-        "warning",
-        "camera 'cam1': 1 of 4 masks are empty, frames 2",
     ),
     "inverted": (
         masks(FULL, range(1, 3)),
@@ -106,8 +119,8 @@ ODD = {
         "warning",
         "camera 'cam1': 3 masks of 64 x 48; 1 frames are missing: 1.",
     ),
-    "unreadable": (
-        lambda f: (f / "masks/cam1/002.png").write_bytes(b"x"),
+    "C14: an empty file": (
+        lambda f: (f / "masks/cam1/002.png").write_bytes(b""),
         "warning",
         "frame 2 counts as missing",
     ),
@@ -154,11 +167,6 @@ ODD = {
         ),
         "warning",
         "of the keypoints lie on the mask of camera 'cam0'. Do calibration, side, unit and",
-    ),
-    "parameters outside the image": (
-        lambda f: write_init(f, xyz=None, convention=None, unit=None, parameters={"root_tx": 1.0}),
-        "warning",
-        "init.json, frame 0: 21 of 21 keypoints lie outside the image of camera 'cam0'.",
     ),
     "a cloud elsewhere": (
         with_a_cloud_in_centimetres,

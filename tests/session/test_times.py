@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack import Session
+from handtrack.session.doctor.examine import examine_start
 from handtrack.session.sources.video_audits import keep_audits
 from tests.capture.sample_files import filmed as video_of
 from tests.conftest import refused
@@ -96,6 +97,13 @@ def with_video(folder):
 @pytest.fixture
 def filmed(tmp_path):
     return with_video(tmp_path)
+
+
+def test_rates_by_which_cameras_drift_apart_are_told(filmed):
+    edit(filmed / "session.toml", 'name = "cam1"', 'name = "cam1"\nimages = "cam1.avi"')
+    video_of(filmed / "cam1.avi", [np.zeros((48, 64, 3), np.uint8)] * 80, fps=10.08)
+    told = [text for text in examine_start(Session.open(filmed)) if "frames apart" in text]
+    assert len(told) == 1 and "`fps = 10.08`" in told[0]
 
 
 def cut(path):

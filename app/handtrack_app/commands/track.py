@@ -602,6 +602,8 @@ class Progressing(Observer):
 def _size_words(event: SizeFitted, before: TrackingRun | None) -> str:
     """Return what was found of the hand, and what follows."""
     run = event.run
+    if not (run.fits_sizes or event.after_tracking):
+        return f"the offsets of the detected joints are fitted; the {run.model.kind}'s size stays as it is given."
     if before is None or not event.after_tracking:
         return f"the {run.model.kind} is {run.scale.overall:.3f} times a mean adult's."
     if run is before:

@@ -10,7 +10,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from handtrack.capture.calibration.formats.imported_rig import numbers, numbers_at, whole_size
+from handtrack.capture.calibration.formats.imported_rig import (
+    is_fisheye,
+    numbers,
+    numbers_at,
+    whole_size,
+)
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import read_toml
 from handtrack.geometry.camera import Camera, CameraRig
@@ -96,9 +101,9 @@ def _camera(table: dict[str, Any], where: str, world_unit_m: float) -> Camera:
         raise HandtrackError(
             f"{where}: the key '{missing[0]}' is missing; a camera needs {', '.join(_KEYS)}."
         )
-    if table.get("fisheye"):
+    if is_fisheye(table.get("fisheye") or "", f"{where}, fisheye"):
         raise HandtrackError(
-            f"{where}: fisheye = true; fisheye lenses are not supported. Calibrate with the "
+            f"{where}: fisheye = {str(table['fisheye']).lower()}; fisheye lenses are not supported. Calibrate with the "
             "standard model (8 coefficients for wide lenses), or undistort the images first."
         )
     if not isinstance(table["name"], str) or not table["name"]:

@@ -67,6 +67,7 @@ def _sentence(similar: Sequence[tuple[int, str]]) -> str:
 COLOUR, MASK, DEPTH, RAW = "image", "mask", "depth", "raw"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm", ".jp2")
 _LAST_FRAME = 10_000_000  # days of video; a larger number in a name is a date or a time
+_SECONDS = r"\d{10}\.\d+$"  # since 1970, which is no frame either
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _AS_IT_IS = cv2.IMREAD_UNCHANGED  # all bits, all channels, unturned
 _LEAST_HAND = 128  # of a mask's 255: half
@@ -115,13 +116,14 @@ def frame_number(name: str) -> int:
 
     Raises HandtrackError.
     """
-    groups = re.findall(r"\d+", os.path.splitext(os.path.basename(name))[0])
+    stem = os.path.splitext(os.path.basename(name))[0]
+    groups = re.findall(_SECONDS, stem) or re.findall(r"\d+", stem)
     if not groups:
         raise HandtrackError(
             f"{name}: no digits in the file name; expected the frame number in it, such as "
             "000018.png."
         )
-    if int(groups[-1]) > _LAST_FRAME:
+    if float(groups[-1]) > _LAST_FRAME:
         raise HandtrackError(
             f"{name}: {groups[-1]} is no frame number, which are at most {_LAST_FRAME}. Is it a time? Rename the files "
             "to count frames from 0, and give their times as `timestamps` in session.toml."

@@ -15,7 +15,9 @@ from handtrack.capture.images.frames import FrameSource, listed
 from handtrack.capture.images.synchrony import ImageMotion, TimeOffset, time_offsets
 from handtrack.capture.images.video import VideoFile
 from handtrack.geometry.camera import Camera
+from handtrack.session.layout import SESSION_FILE, matching_files
 from handtrack.session.session import Session
+from handtrack.session.sources.camera_times import read_timestamps
 from handtrack.session.sources.views import View
 
 SEVERITIES = ("ok", "note", "warning", "error")
@@ -41,6 +43,7 @@ _EMPTY_SHARE = 0.0005  # of the image: less than that is no hand
 _INVERTED_SHARE = 0.5
 _CUT_SHARE = 0.5  # of the hand, by the region of interest
 _RATE_TOLERANCE = 0.01
+_DRIFT = 0.5  # of a frame, in the whole recording
 _SECOND_PIECE = 0.25  # of the largest: a face, another arm; a finger that is cut off is less
 
 
@@ -104,9 +107,29 @@ def _sources(view: View) -> list[tuple[str, FrameSource]]:
     return [(kind, source) for kind, source in sources if source is not None]
 
 
+def check_times(session: Session) -> Iterator[Finding]:
+    """Yield which cameras have no time stamps where others have some."""
+    name = session.file.session.timestamps
+    if name is None:
+        return
+    where = f"{session.folder / SESSION_FILE}, [session], timestamps"
+    rates = {camera.name: camera.fps or session.fps for camera in session.file.cameras}
+    stamped = read_timestamps(matching_files(session.folder, name, where)[0], rates)
+    for camera in session.file.cameras:
+        if camera.name not in stamped and camera.fps is None:
+            yield warning(
+                f"camera '{camera.name}' has no times in {name}: its frames are matched by number to those of camera "
+                f"'{next(iter(stamped))}'. Add its times, or its `fps` in session.toml."
+            )
+
+
+def _nominal_fps(view: View) -> float:
+    return view.images.nominal_fps if isinstance(view.images, VideoFile) else 0.0
+
+
 def check_rate(view: View, session: Session) -> Iterator[Finding]:
-    """Yield that a camera's video says another frame rate than is reckoned with."""
-    rate = view.images.nominal_fps if isinstance(view.images, VideoFile) else 0.0
+    """Yield that a camera's video says another frame rate than is reckoned with, or than another camera's."""
+    rate = _nominal_fps(view)
     named, expected = "the session", session.fps
     if view.settings.fps is not None:
         named, expected = "session.toml", view.settings.fps
@@ -116,6 +139,15 @@ def check_rate(view: View, session: Session) -> Iterator[Finding]:
             f'`fps = {rate:.6g}` under [[camera]] name = "{view.name}" in session.toml: its frames are then taken by time, '
             "not by number."
         )
+    elif rate > 0 and view.times is None:
+        other = next(v for v in session.views if v.times is None and _nominal_fps(v) > 0)
+        drift = abs(rate / _nominal_fps(other) - 1) * view.known_count
+        if drift > _DRIFT:
+            yield warning(
+                f"camera '{view.name}': its video says {rate:.6g} fps, that of '{other.name}' {_nominal_fps(other):.6g}. Frames "
+                f"are matched by number; if both rates are right, the last ones are {drift:.2g} frames apart. Then write "
+                f"`fps = {rate:.6g}` in the camera's table of session.toml: its frames are taken by time."
+            )
 
 
 def _check_joined(view: View, session: Session) -> Iterator[Finding]:
@@ -139,8 +171,9 @@ def _check_source(view: View, kind: str, source: FrameSource) -> Iterator[Findin
         yield error(f"camera '{view.name}': none of its {kind} can be read.")
         return
     if not isinstance(source, VideoFile):
-        for frame in evenly_spread(len(frames), _MOST_FILES):
-            source.read(frame)  # finds unreadable files and wrong sizes
+        there = [frame for frame in frames if source.has(frame)]
+        for row in evenly_spread(len(there), _MOST_FILES):
+            source.read(there[row])  # finds unreadable files and wrong sizes
     text = f"camera '{view.name}': {len(frames) - len(missing)} {kind} of {width} x {height}"
     if missing:
         yield warning(f"{text}; {len(missing)} frames are missing: {listed(missing)}.")
@@ -149,7 +182,7 @@ def _check_source(view: View, kind: str, source: FrameSource) -> Iterator[Findin
 
 
 def _check_depth(view: View) -> Iterator[Finding]:
-    frames = evenly_spread(view.frame_count, _FEW)
+    frames = _some_frames(view, view.depth, _FEW)
     depths = [depth for frame in frames if (depth := view.depth_m(frame)) is not None]
     measured = np.concatenate([depth[depth > 0] for depth in depths] or [np.zeros(0)])
     if measured.size == 0:
@@ -163,6 +196,13 @@ def _check_depth(view: View) -> Iterator[Finding]:
             f"camera '{view.name}': the median depth is {middle:.3g} m, with depth_scale_m = "
             f"{view.settings.depth_scale_m:g}. Is the scale right?"
         )
+
+
+def _some_frames(view: View, source: FrameSource | None, most: int) -> list[int]:
+    """Return at most so many frames of the session that a source has, evenly spread."""
+    own = [(frame, view.own_frame(frame)) for frame in range(view.frame_count)]
+    there = [f for f, at in own if source is not None and at is not None and source.has(at)]
+    return [there[row] for row in evenly_spread(len(there), most)]
 
 
 def _check_masks(view: View) -> Iterator[Finding]:
@@ -216,7 +256,7 @@ def _statistics(view: View) -> Iterator[tuple[float, ...]]:
     interest, and the size of the second largest piece beside the largest.
     """
     most = _MOST_FILES if view.mask_files is not None else _MOST_COMPUTED
-    for frame in evenly_spread(view.frame_count, most):
+    for frame in _some_frames(view, view.mask_files or view.images or view.depth, most):
         mask = view.mask(frame)
         if mask is not None:
             hand = (mask > 0) & (mask != (view.unknown_at(frame) or 0))
@@ -338,7 +378,9 @@ def check_clouds(session: Session) -> Iterator[Finding]:
     measured, left, poor = [], [], []
     settings = session.file.clouds
     few = settings is not None and settings.stereo
-    for frame in evenly_spread(session.frame_count, _OF_PAIRS if few else _OF_OTHERS):
+    frames = list(session.cloud_files) or session.frame_range
+    for row in evenly_spread(len(frames), _OF_PAIRS if few else _OF_OTHERS):
+        frame = frames[row]
         cloud, _ = session.cloud(frame)
         whole = session.measured_cloud(frame)
         if cloud is None or whole is None:

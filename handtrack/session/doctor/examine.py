@@ -16,6 +16,7 @@ from handtrack.session.doctor.check_views import (
     check_lengths,
     check_rate,
     check_synchrony,
+    check_times,
     check_view,
     error,
     note,
@@ -44,6 +45,7 @@ def examine(session: Session) -> list[Finding]:
         found += _all_of(check_view(view, session))
     for check in (
         check_files,
+        check_times,
         check_lengths,
         check_synchrony,
         check_cameras,
@@ -69,7 +71,7 @@ def examine_start(session: Session) -> list[str]:
     first = 0 if session.init is None else session.init.frame
     begin = range(first, min(first + _START, len(session.known_frames)))
     checks = [check_cameras(session), check_outlines(session, begin), check_init(session)]
-    checks.append(check_joints(session, briefly=True))
+    checks += [check_joints(session, briefly=True), check_times(session)]
     checks += [check_rate(view, session) for view in session.views]
     if session.file.clouds is not None and session.file.clouds.stereo:
         checks.append(check_synchrony(session))

@@ -24,11 +24,11 @@ _IS_FISHEYE = {
         (
             False,
             ",none,pinhole,perspective,standard,opencv,radtan,radialtangential,plumbbob,brown,brownconrady,"
-            "pinholeradtan,rationalpolynomial,rational,regular,linear,fullopencv,simplepinhole,false",
+            "pinholeradtan,rationalpolynomial,rational,regular,linear,fullopencv,simplepinhole,false,no",
         ),
         (
             True,
-            "fisheye,opencvfisheye,equidistant,equi,pinholeequi,kannalabrandt,kannalabrandt4,kb,kb4,true",
+            "fisheye,opencvfisheye,equidistant,equi,pinholeequi,kannalabrandt,kannalabrandt4,kb,kb4,true,yes",
         ),
     )
     for name in names.split(",")
