@@ -331,6 +331,8 @@ class _Tracking(Observer):
             sized = sized.with_limits_of(run)
             self._use(sized)
             yield SizeFitted(sized)
+        if self._recorded and run.session.is_counted:
+            self._request = replace(self._request, frames=self._counted_frames())
         yield from self._pass()
         if self._recorded and not self._stops() and not self._problem:
             counted = self._counted_frames()
@@ -396,6 +398,8 @@ class _Tracking(Observer):
         except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
             self._interrupted = True
         except HandtrackError as error:
+            if self._recorded and run.session.known_frames != known:
+                return  # the frame is one that was announced alone
             if not self._results:
                 raise
             self._problem = str(error)
