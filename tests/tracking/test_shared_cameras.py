@@ -25,7 +25,7 @@ from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_clo
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.size.cameras import LATE, CameraChanges
+from handtrack.tracking.size.cameras import LATE, OUTLINE, CameraChanges
 from handtrack.tracking.size.estimate import Shared, WholeEstimate
 from handtrack.tracking.size.person import PersonChange, Subject
 from handtrack.tracking.whole import recording_estimate
@@ -103,8 +103,9 @@ def test_a_camera_that_was_turned_is_put_right(monkeypatch):
     observe = watched(cameras, [TRUTH] * 3)
     live, frames, _ = refined(observe, POSES)
     monkeypatch.setattr(recording_estimate, "_MOVED_S", np.inf)  # cameras are left as they are
+    monkeypatch.setattr(recording_estimate, "DIRECTION", OUTLINE)
     left = refine(Recording(HAND, TrackerSettings(), observe), live)
-    # measured 2.25 of 4.0 mm: where the room is nobody sees, and the prior yields to all frames as to one
+    # measured 1.96 of 4.0 mm: where the room is nobody sees, and the prior yields to all frames as to a few
     assert mean_off_mm(frames, TRUTH) < 0.65 * mean_off_mm(left, TRUTH)
 
 
@@ -138,10 +139,20 @@ def test_clean_cameras_are_left_alone_and_predicted_at_the_time_of_each_of_their
     _, whole, found = refined(observe, POSES)
     # measured 0.59, in step 0.5; 2.2 with one time for all frames
     assert mean_off_mm(whole, TRUTH) < 0.7
-    assert all(not any(one.turn_deg) for one in found.cameras)
+    assert all(np.linalg.norm(one.turn_deg) < 0.1 for one in found.cameras)
     assert all(abs(one.late_frames) < 0.05 for one in found.cameras)
     assert found.why == "converged"
     assert found.scale is None
+
+
+def test_joints_seen_to_one_side_of_a_reaching_hand_are_not_taken_for_a_time_offset():
+    poses = np.repeat(POSES[:1], 24, axis=0)
+    poses[:, 0] += 0.15 * (1.0 - np.cos(np.linspace(0.0, np.pi, 24)))
+    points = points_of(poses)
+    beside = points + np.array([0.01, 0.0, 0.0])
+    found = refined(watched([camera_at(k) for k in range(3)], [points, points, beside]), poses)[2]
+    # measured 0.24, standard deviation 0.21; 0.61 where cameras may not seem to be turned
+    assert abs(found.cameras[2].late_frames) < min(0.35, 2.0 * found.cameras[2].std[LATE])
 
 
 def test_a_camera_that_takes_one_finger_for_another_is_let_go():

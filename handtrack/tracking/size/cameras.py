@@ -33,8 +33,8 @@ and fro"""
 TURNED, SHIFTED, ZOOMED, LATE, WIDER = slice(0, 3), slice(3, 6), 6, 7, 8
 NUMBERS = 9
 ALL, TIME, OUTLINE = np.ones(9, bool), np.arange(9) == LATE, np.arange(9) == WIDER
-CALIBRATION = np.arange(9) < LATE
-"""which of a camera's numbers are found: all, when it saw, how wide its masks are, where and what it is"""
+CALIBRATION, DIRECTION = np.arange(9) < LATE, np.arange(9) < SHIFTED.start
+"""which of a camera's numbers are found: all, when it saw, how wide its masks are, where and what it is, how it is turned"""
 
 
 @array_dataclass
@@ -78,6 +78,8 @@ class CameraChanges:
     """[frames] by which each frame of theirs, and last of a cloud, is later as far as is known beforehand; how late they are comes on top"""
     cloud: Floats[C] | float = 0.0
     """each camera's share of a cloud's time, which is the mean of those that measured it; nothing of one that shows nothing else"""
+    joints_alone: bool = False
+    """whether nothing but joints tells of them"""
 
     @classmethod
     def of(
@@ -96,9 +98,10 @@ class CameraChanges:
         count = len(names)
         known = [[one.get(name, 0.0) for one in frames_later] for name in (*names, CLOUD_NAME)]
         cloud = np.array([name in measured for name in names], float) / max(len(measured), 1)
+        joints_alone = not any(one.silhouettes or one.cloud_cameras for one in frames)
         return cls(
             tuple(seen[name] for name in names), np.zeros((count, NUMBERS)), (0,) * count,
-            known=np.array(known), cloud=cloud,
+            known=np.array(known), cloud=cloud, joints_alone=joints_alone,
         )  # fmt: skip
 
     @property

@@ -21,7 +21,14 @@ from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import by_camera
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.frame_solve import POOR, poor_agreement
-from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, CameraChanges
+from handtrack.tracking.size.cameras import (
+    ALL,
+    CALIBRATION,
+    DIRECTION,
+    OUTLINE,
+    TIME,
+    CameraChanges,
+)
 from handtrack.tracking.size.estimate import (
     StoppedError,
     WholeEstimate,
@@ -215,7 +222,9 @@ def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     timed = estimate.duration_s >= NEW_POSE_S
     later = [likelihood.frames_later[frame] for frame in estimate.frames]  # `new_share` read all
     cameras = CameraChanges.of([one for one, _ in samples], later)
-    cameras = cameras.finding(OUTLINE | TIME if timed else OUTLINE)
+    # a camera in which a detector sees the whole hand to one side seems to be turned, or else late
+    at = TIME | DIRECTION if cameras.joints_alone else TIME
+    cameras = cameras.finding(OUTLINE | at if timed else OUTLINE)
     return replace(estimate, likelihood=likelihood.sharing(likelihood.shared.through(cameras)))
 
 
