@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandScale, Status, Tracker, TrackerSettings, TrackerState, load_model
+from handtrack.observation.observation import view_centres
 from handtrack.simulation.motion import motion
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import agreement, cloud_terms, see_cloud
@@ -69,7 +70,7 @@ def test_a_poor_cloud_moves_the_palm_and_says_so(kind, within_mm):
 def test_depths_are_doubted_not_directions():
     """Points that moved by centimetres along their lines of sight leave the palm where it is; moved aside they take it along."""
     seen = views(DIGICLOPS)[1]
-    points, centre = seen.cloud.points, seen.cloud_views[0][0]
+    points, centre = seen.cloud.points, view_centres(seen.cloud_views[0])[0]
     wrong = points[:, 0] > np.median(points[:, 0]) + 0.01
     deeper = centre + (points - centre) * np.where(wrong, 1.06, 1.0)[:, None]
     aside = points + np.array([0.012, 0.0, 0.0])
