@@ -98,6 +98,17 @@ def without_forearm_end(scale: HandScale) -> HandScale:
     return replace(scale, proportions=moved, std=std, covariance=known)
 
 
+def scale_known_to(model: ArticulatedModel, scale: HandScale) -> HandScale:
+    """Return a person as another model knows them: the same, or without internal proportions that it has not, and so without the
+    offsets and deviations that were found with these.
+    """
+    known = model.proportions.names
+    if scale.proportions.keys() <= {*known}:
+        return scale
+    own = {name: scale.proportions[name] for name in known if name in scale.proportions}
+    return HandScale(scale.overall, scale.parts, own, source=scale.source)
+
+
 def unmeasured_size(build: Callable[[HandScale], ArticulatedModel], scale: HandScale) -> HandScale:
     """Return a size that nothing measured, as uncertain as adults differ. build: the model of a size."""
     std_mm = POPULATION_SIGMA * hand_length_mm(build(scale))

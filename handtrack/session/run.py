@@ -28,6 +28,7 @@ from handtrack.model.size import (
     FOREARM_END,
     hand_length_mm,
     is_unmeasured,
+    scale_known_to,
     unmeasured_size,
     without_forearm_end,
 )
@@ -139,7 +140,7 @@ class TrackingRun:
         if first is None or first.xyz is None:  # nothing to fit to: an adult's mean hand
             return first.scale if first is not None and first.scale is not None else HandScale()
         seen = _keypoints(first, self.settings)
-        return fit_scale(lambda scale: _whole(self.with_scale(scale).model), seen)
+        return fit_scale(lambda scale: self._whole_hand(scale, self.forearm), seen)
 
     @property
     def prior_person(self) -> HandScale | None:
@@ -483,18 +484,20 @@ def poses_of_image_joints(
 ) -> list[PoseEstimate]:
     """Return the poses in space that a first pose with joints in images may mean, the surest first."""
     run = TrackingRun.unfitted(session, settings)
-    whole = _whole(run.with_scale(run.given_scale).model)
+    whole = run.resized(run.model, run.given_scale)
     return poses_from_images(session.rig, settings, whole, first, run.observed(first.frame))
 
 
 def _model(
     session: Session, settings: TrackerSettings, scale: HandScale, arm_m: float
 ) -> ArticulatedModel:
-    """Return the model with a forearm of so much; 0: without."""
-    chosen = settings.model
+    """Return the model with a forearm of so much; 0: without. Another model than the session's has of the person what it knows."""
+    chosen, side = settings.model, session.file.hand.side
+    if chosen.name not in ("", session.hand_model):
+        scale = scale_known_to(load_model(chosen.name, side, forearm=True), scale)
     return load_model(
         chosen.name or session.hand_model,
-        session.file.hand.side,
+        side,
         scale,
         coupling=chosen.coupling,
         forearm=arm_m,

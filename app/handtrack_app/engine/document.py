@@ -345,6 +345,8 @@ class Document:
             settings = run.settings.flat() | settings
         if settings:
             run = run.with_values(settings)
+        if "model.name" in settings:  # the one before may know less of the person
+            run = run.with_scale(self.size.scale)
         for size in changed["size"].values():
             scale = (size or self._own_size).scale
             run = run if run.scale == scale else run.with_scale(scale)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from handtrack import HandScale
 from handtrack.session.session_state import decide
 from handtrack_app.engine import edits
 from handtrack_app.engine.posing_service import pose as pose_edit
@@ -23,9 +24,11 @@ def test_tracks_poses_and_limits_come_back_with_their_model(tmp_path):
     did(store, decide(limits={"ring_pip_flex": (0.1, 0.9)}))
     kept = document.pose_at(5).copy()
     document.show(5)
-    shown = document.shown.copy()
+    shown, person = document.shown.copy(), HandScale(1.1, {}, {"finger_share": -0.5})
+    did(store, edits.size(person))
 
     _use(store, "ball6")
+    assert document.run.scale == HandScale(1.1)
     assert len(document.model.parameter_names) == 6
     assert not document.results
     assert_allclose(document.model.limits.interval, document.own_interval)
@@ -34,6 +37,7 @@ def test_tracks_poses_and_limits_come_back_with_their_model(tmp_path):
     did(store, decide(pose={7: None}))
 
     _use(store, "hand26")
+    assert document.run.scale == person
     assert sorted(document.results) == list(range(FRAMES))
     assert_allclose(document.by_hand[5], kept)
     assert document.by_hand[6][0] == 0.5 and 7 not in document.by_hand, "changed meanwhile"
