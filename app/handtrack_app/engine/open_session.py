@@ -121,7 +121,7 @@ class OpenSession:
         elif not document.is_posed:
             notify("guide", "No first pose yet", NO_POSE[document.model.kind])
         self._notify_warnings(self.store.warning)
-        self._tuning.publish_notes(document.session.warnings)
+        self._tuning.publish_notes()
         self.jobs.show_progress()
         self._compare_cameras()
 

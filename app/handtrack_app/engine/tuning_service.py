@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import numpy as np
 from handtrack.arrays import Floats, P
 from handtrack.model.size import with_number
 from handtrack.session.session_state import Edit, decide
+from handtrack.tracking.frame.settings import SETTINGS
 from handtrack.tracking.pulling import fitted_again
 from handtrack_app.engine import edits
 from handtrack_app.engine.posing_service import set_pose
@@ -124,8 +126,19 @@ class TuningService(Service):
         self._order = None
         self._fitting.stop()
 
-    def publish_notes(self, known: Sequence[str]) -> None:
-        """Say what is new to be known of the settings: above all that one has no effect here."""
-        for note in self.document.run.notes:
-            if note not in known:
-                self.publish(Notice("warning", "About the settings", note))
+    def publish_notes(self, known: Sequence[str] = ()) -> None:
+        """Say which settings have no effect here, unless these are known; or that there are none of them any more."""
+        notes, title = self.document.run.notes, "About the settings"
+        if notes and notes != known:
+            self.publish(Notice("warning", title, _NAME.sub(_label, " ".join(notes))))
+        elif known and not notes:
+            self.publish(Notice("done", title, "All that were changed have an effect."))
+
+
+_NAME = re.compile(r"\b[a-z]+\.[a-z_]+\b")
+
+
+def _label(name: re.Match[str]) -> str:
+    """Return a setting's name as the page has it; that of session.toml where the page has none."""
+    known = SETTINGS.get(name[0])
+    return f"“{known.label}”" if known is not None and known.label else name[0]

@@ -29,7 +29,6 @@ def test_tracks_poses_and_limits_come_back_with_their_model(tmp_path):
 
     _use(store, "ball6")
     assert document.run.scale == HandScale(1.1)
-    assert len(document.model.parameter_names) == 6
     assert not document.results
     assert_allclose(document.model.limits.interval, document.own_interval)
     assert_allclose(document.by_hand[5], kept[:6])

@@ -21,7 +21,6 @@ def test_experts_choose_method_distance_and_sharpness_on_the_page(bench, wire):
     wire.set_value(distance, "d1, by the level")
     wire.set_value(sharpness, 0.5)
     eventually(lambda: run().cloud.sharpness_per_mm == 0.5)
-    assert run().cloud.distance == "d1"
     eventually(lambda: "least radius" in panel.explanations["cloud.distance"].content)
     before = run()
     wire.set_value(method, "2007, conic fields")
@@ -98,3 +97,10 @@ def test_an_accepted_frame_is_not_fitted_and_that_is_said(worker, listener, fits
     listener.refused()
     assert worker.document.run.settings.silhouettes.weight == 2.0, "the setting holds all the same"
     assert fits.asked == []
+
+
+def test_a_setting_without_effect_is_told_by_its_label_until_it_is_put_back(worker, listener):
+    for sigma, level, words in ((3.0, "warning", "“Point error mm” has"), (2.0, "done", "effect")):
+        worker.engine.set_setting("cloud.sigma_mm", sigma)
+        told = listener.wait(protocol.Notice, lambda n, level=level: n.level == level)
+        assert told.title == "About the settings" and words in told.text

@@ -46,14 +46,10 @@ class ExportPanel(Panel):
         self.engine.export(known.name, client.handle.client_id, axis)
 
     def deliver(self, download: Download) -> None:
-        """Send a file to the client that asked for it."""
+        """Send a file to the client that asked for it; viser says there that it came."""
         if (client := self.page.by_number.get(download.client_id)) is not None:
             self.delivered += 1
             client.handle.send_file_download(download.name, download.data, save_immediately=True)
-            size = len(download.data) / 1024
-            self.page.notify(
-                "done", "Exported", f"{download.name}, {size:.0f} kB, is in your downloads.", client
-            )
 
 
 def card_words(known: ExportFormat) -> str:
