@@ -1,6 +1,6 @@
 """The public names; what each is for: docs/reference/python.md."""
 
-from .capture.calibration.formats.resolve import read_cameras as read_cameras
+from .capture.calibration.formats.read_calibration import read_cameras as read_cameras
 from .capture.clouds.point_cloud import PointCloud as PointCloud
 from .diagnostics.metrics import evaluate as evaluate
 from .errors import HandtrackError as HandtrackError

@@ -15,7 +15,7 @@ import cv2
 
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.cloud_filters import HandRegion
-from handtrack.capture.live.live_feed import (
+from handtrack.capture.images.live_feed import (
     LiveCamera,
     LiveFeed,
     LiveFrame,

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D2, Bytes, Floats, H, W, pixel_grid
+from handtrack.capture.masks.mask_correction import UNKNOWN_LEVEL
 from handtrack.capture.masks.seeded import (
-    UNKNOWN_LEVEL,
     HandSeeds,
     Seeded,
     SeededMasks,

@@ -15,8 +15,8 @@ from handtrack.capture.calibration.rig_file import read_rig, rig_json
 from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, HandRegion
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.images.frames import files_by_frame, frames_of
+from handtrack.capture.images.live_feed import LiveFeed
 from handtrack.capture.images.video import VideoFile
-from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import HandScale

@@ -12,12 +12,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from msgspec import Meta
 
-from handtrack.capture.clouds.cloud_filters import CloudFilters
-from handtrack.capture.clouds.skin_ellipse import SkinEllipse
+from handtrack.capture.clouds.cloud_filters import CloudFilters, SkinEllipse
 from handtrack.capture.clouds.stereo import StereoSettings
 from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.images.raw_frames import METHODS, PATTERNS
-from handtrack.capture.masks.mask_cleaning import Roi
+from handtrack.capture.masks.mask_correction import Roi
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.errors import HandtrackError, listed_names
 from handtrack.files.toml_table import (

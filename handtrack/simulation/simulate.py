@@ -13,11 +13,9 @@ import numpy as np
 from handtrack.arrays import D2, D3, Array, F, Floats, J, K, S
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.clouds.cloud_files import write_cloud
-from handtrack.capture.clouds.depth import depth_cloud
-from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.capture.clouds.point_cloud import PointCloud, depth_cloud
 from handtrack.capture.images.openpose import LAYOUTS, Layout
-from handtrack.capture.joints.given_joints import write_joints
-from handtrack.capture.joints.joint_names import NAMED
+from handtrack.capture.joints.given_joints import NAMED, write_joints
 from handtrack.errors import HandtrackError
 from handtrack.files.films import check_film
 from handtrack.geometry.camera import Camera, CameraRig

@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 
 from handtrack.arrays import Floats
-from handtrack.capture.clouds.depth import depth_cloud
+from handtrack.capture.clouds.point_cloud import depth_cloud
 from handtrack.geometry.rotation import spread_rotations
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses

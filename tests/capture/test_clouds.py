@@ -11,9 +11,8 @@ from handtrack import PointCloud
 from handtrack.capture.clouds import cloud_files
 from handtrack.capture.clouds import cloud_filters as filters
 from handtrack.capture.clouds.cloud_files import read_cloud, read_ply, write_cloud
-from handtrack.capture.clouds.cloud_filters import CloudFilters
-from handtrack.capture.clouds.depth import depth_cloud, surface_pixels
-from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
+from handtrack.capture.clouds.cloud_filters import CloudFilters, fit_skin_ellipse
+from handtrack.capture.clouds.point_cloud import depth_cloud, surface_pixels
 from handtrack.geometry.rotation import rotation_matrix
 from tests.cameras import pinhole
 from tests.conftest import refused

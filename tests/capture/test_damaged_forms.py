@@ -8,8 +8,12 @@ import pytest
 
 import handtrack.capture.images.video as video_module
 from handtrack import HandtrackError
-from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.resolve import named, sized, unit_of
+from handtrack.capture.calibration.formats.read_calibration import (
+    named,
+    read_calibration,
+    sized,
+    unit_of,
+)
 from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.read_joints import read_joints

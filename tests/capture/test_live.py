@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from handtrack.capture.live.live_feed import LiveCamera, LiveFeed, LiveImages
+from handtrack.capture.images.live_feed import LiveCamera, LiveFeed, LiveImages
 from tests.live_cameras import SIZE, ScriptedDevice
 
 

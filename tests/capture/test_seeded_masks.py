@@ -10,12 +10,13 @@ import pytest
 from handtrack.capture.masks.mask_correction import (
     BACKGROUND,
     HAND,
+    UNKNOWN_LEVEL,
     carried,
     corrected,
     empty_layer,
     painted,
 )
-from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, seeds_of_joints
+from handtrack.capture.masks.seeded import Seeded, seeds_of_joints
 from handtrack.capture.masks.segmentation import SkinYCrCb, segmenter
 from tests.capture.seeded_scenes import SIZE, recording
 

@@ -16,8 +16,13 @@ from urllib.request import urlopen
 
 from handtrack import HandtrackError
 from handtrack.capture.calibration.formats.imported_rig import with_names
-from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.resolve import pinholes, sized, unit_of, with_lens
+from handtrack.capture.calibration.formats.read_calibration import (
+    pinholes,
+    read_calibration,
+    sized,
+    unit_of,
+    with_lens,
+)
 from handtrack.capture.joints.read_joints import read_joints
 
 TABLE = Path(__file__).with_suffix(".toml")

@@ -5,8 +5,13 @@ import numpy as np
 import pytest
 
 from handtrack import Session
-from handtrack.capture.masks.mask_correction import AS_IT_IS, HAND, empty_layer, painted
-from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
+from handtrack.capture.masks.mask_correction import (
+    AS_IT_IS,
+    HAND,
+    UNKNOWN_LEVEL,
+    empty_layer,
+    painted,
+)
 from tests.capture.seeded_scenes import SIZE
 from tests.session.test_seeded_session import JOINTS, folder, opened
 

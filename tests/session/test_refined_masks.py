@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from handtrack import Status, load_model
-from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
+from handtrack.capture.masks.mask_correction import UNKNOWN_LEVEL
 from handtrack.session.layout import MASKS_FOLDER
 from handtrack.session.refined_masks import MaskRefinement
 from tests.capture.seeded_scenes import recording

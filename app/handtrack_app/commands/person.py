@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
+from handtrack.capture.clouds.cloud_filters import fit_skin_ellipse
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_edit import edit_toml
 from handtrack.model.articulated import ArticulatedModel

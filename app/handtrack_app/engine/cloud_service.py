@@ -10,10 +10,10 @@ import numpy as np
 from handtrack.arrays import Array, Bytes, Floats
 from handtrack.capture.clouds.cloud_filters import (
     FilterReport,
+    fit_skin_ellipse,
     random_part,
 )
 from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
-from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.capture.clouds.stereo import StereoMatcher
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses

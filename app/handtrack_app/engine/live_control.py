@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from handtrack.capture.live.live_feed import LiveFeed
+from handtrack.capture.images.live_feed import LiveFeed
 from handtrack.errors import HandtrackError
 from handtrack.session.live_session import LIVE_SETTINGS, LiveRecording, LiveSession, open_live
 from handtrack.session.run import TrackingRun

@@ -13,11 +13,11 @@ from handtrack.capture.masks.mask_correction import (
     AS_IT_IS,
     BACKGROUND,
     HAND,
+    UNKNOWN_LEVEL,
     carried,
     empty_layer,
     painted,
 )
-from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 from handtrack.capture.masks.segmentation import METHODS, read_mask_method
 from handtrack.errors import HandtrackError
 from handtrack.session.session_state import Correction, Edit, MaskSource, decide

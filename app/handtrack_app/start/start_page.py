@@ -25,8 +25,7 @@ import viser
 
 from handtrack.arrays import D2, D3, Bytes, Floats, H, N, W
 from handtrack.capture.calibration.formats.imported_rig import ImportedRig
-from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.resolve import named
+from handtrack.capture.calibration.formats.read_calibration import named, read_calibration
 from handtrack.capture.joints.pose2sim import is_pose2sim, read_pose2sim
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack.errors import HandtrackError

@@ -23,8 +23,7 @@ from handtrack.arrays import (
     array_dataclass,
     pixel_grid,
 )
-from handtrack.capture.clouds.depth import surface_pixels
-from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
+from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud, surface_pixels
 from handtrack.capture.images.raw_frames import level_line_at
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import Camera, camera_matrix

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from handtrack.capture.calibration.formats.imported_rig import ImportedRig
-from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.resolve import named
+from handtrack.capture.calibration.formats.read_calibration import named, read_calibration
 from handtrack.capture.images.frames import IMAGE_SUFFIXES, files_by_frame
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import read_toml

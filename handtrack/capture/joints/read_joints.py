@@ -14,7 +14,9 @@ import numpy as np
 from handtrack.capture.images.frames import files_by_frame, frame_number
 from handtrack.capture.images.openpose import height
 from handtrack.capture.joints.given_joints import (
+    BODY_LAYOUTS,
     HANDS_IN,
+    JOINTS,
     LARGEST,
     BodyPoints,
     Hand,
@@ -24,7 +26,6 @@ from handtrack.capture.joints.given_joints import (
     frame_of,
     side_in,
 )
-from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS
 from handtrack.capture.joints.table_joints import read_csv_joints, read_h5_joints
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import check_file, first_bytes, read_json, read_text

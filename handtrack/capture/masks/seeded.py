@@ -24,7 +24,7 @@ from handtrack.arrays import (
     evenly_spread,
 )
 from handtrack.capture.images.openpose import FINGERS
-from handtrack.capture.masks.mask_cleaning import Roi, inside_roi
+from handtrack.capture.masks.mask_correction import UNKNOWN_LEVEL, Roi, inside_roi
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import above, at_least
 
@@ -200,8 +200,6 @@ def _box_around(
 # ---- What looks like it
 
 
-UNKNOWN_LEVEL = 128
-"""in masks of 8 bits: hand or background, nobody can tell"""
 _Sample = tuple[Array, HandSeeds]
 """a sampled frame's image, and where the hand is expected in it"""
 Seeds = Callable[[int], HandSeeds | None]

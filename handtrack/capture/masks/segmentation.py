@@ -12,9 +12,9 @@ import numpy as np
 from msgspec import Meta
 
 from handtrack.arrays import D3, Array, Axes, Bytes, H, W, evenly_spread
-from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
+from handtrack.capture.clouds.cloud_filters import fit_skin_ellipse
 from handtrack.capture.images.frames import FrameSource
-from handtrack.capture.masks.mask_cleaning import Cleaning, Roi
+from handtrack.capture.masks.mask_correction import Cleaning, Roi
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import above, at_least, checked_table, read_table, required

@@ -9,9 +9,8 @@ import numpy as np
 
 from handtrack.arrays import D3, F, Floats, N, indices
 from handtrack.capture.images.openpose import LAYOUTS
-from handtrack.capture.joints.given_joints import named_points
-from handtrack.capture.joints.joint_names import JOINTS, NAMED, named_bodies
-from handtrack.capture.joints.point_tables import IN_SPACE, PointTable, read_points
+from handtrack.capture.joints.given_joints import JOINTS, NAMED, named_bodies, named_points
+from handtrack.capture.joints.table_joints import IN_SPACE, PointTable, read_points
 from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.text_files import check_file, first_bytes, metres_in, read_rows, read_text

@@ -13,8 +13,7 @@ import numpy as np
 from handtrack.arrays import D3, C, Floats
 from handtrack.capture.clouds.cloud_files import read_cloud
 from handtrack.capture.clouds.cloud_filters import HandRegion
-from handtrack.capture.clouds.depth import depth_cloud
-from handtrack.capture.clouds.point_cloud import PointCloud, merged
+from handtrack.capture.clouds.point_cloud import PointCloud, depth_cloud, merged
 from handtrack.capture.clouds.stereo import StereoMatcher, StereoSettings, check_pair
 from handtrack.capture.images.frames import FrameNotes
 from handtrack.errors import HandtrackError

@@ -38,8 +38,8 @@ from handtrack.capture.images.frames import (
 )
 from handtrack.capture.images.raw_frames import MosaicFiles
 from handtrack.capture.images.video import VideoFile
-from handtrack.capture.masks.mask_cleaning import Roi, inside_roi
-from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, HandSeeds, Seeded, seeds_of_joints
+from handtrack.capture.masks.mask_correction import UNKNOWN_LEVEL, Roi, inside_roi
+from handtrack.capture.masks.seeded import HandSeeds, Seeded, seeds_of_joints
 from handtrack.capture.masks.segmentation import MaskMethod, segmenter
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera, scaled_by

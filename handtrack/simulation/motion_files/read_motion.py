@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D3, F, Floats, J
-from handtrack.capture.joints.joint_names import known_body_joint, known_joint
-from handtrack.capture.joints.subject import BODY, HAND
+from handtrack.capture.calibration.formats.read_calibration import BODY, HAND
+from handtrack.capture.joints.given_joints import known_body_joint, known_joint
 from handtrack.errors import HandtrackError, check_name
 from handtrack.files.text_files import LIKELY_UNITS_M, check_file, first_bytes
 from handtrack.files.toml_table import read_toml

@@ -5,7 +5,7 @@ from unittest.mock import Mock
 import pytest
 
 from handtrack import HandScale, HandtrackError
-from handtrack.capture.clouds.skin_ellipse import SkinEllipse
+from handtrack.capture.clouds.cloud_filters import SkinEllipse
 from handtrack.files import toml_edit
 from handtrack.files.atomic import versions
 from handtrack.model.model_file import read_scale

@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 
 from handtrack import CameraRig, HandtrackError
-from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.resolve import named, pinholes, sized, unit_of
+from handtrack.capture.calibration.formats.read_calibration import (
+    named,
+    pinholes,
+    read_calibration,
+    sized,
+    unit_of,
+)
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
 from tests.capture.sample_files import SAMPLES, forms, rig_of_two, sample
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.capture.joints.joint_names import JOINTS
+from handtrack.capture.joints.given_joints import JOINTS
 from tests.capture.sample_files import sample
 
 

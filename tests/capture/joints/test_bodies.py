@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
+from handtrack.capture.calibration.formats.read_calibration import BODY, subject_length
 from handtrack.capture.images.openpose import LAYOUTS, read_openpose
 from handtrack.capture.joints.given_joints import (
     checked_bodies,
     in_pixels,
+    known_body_joint,
     layout_of,
     people,
     write_joints,
 )
-from handtrack.capture.joints.joint_names import known_body_joint
 from handtrack.capture.joints.read_joints import read_joints
-from handtrack.capture.joints.subject import BODY, subject_length
 from tests.capture.joints.people import (
     FRAMES,
     LAYOUTS_OF,

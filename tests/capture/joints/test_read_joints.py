@@ -9,8 +9,7 @@ import pytest
 from handtrack import HandtrackError
 from handtrack.arrays import D3, D21, F, Floats
 from handtrack.capture.images.openpose import LAYOUTS, read_openpose, write_points, written_by
-from handtrack.capture.joints.given_joints import in_pixels, write_joints
-from handtrack.capture.joints.joint_names import JOINTS, known_joint
+from handtrack.capture.joints.given_joints import JOINTS, in_pixels, known_joint, write_joints
 from handtrack.capture.joints.read_joints import read_joints
 from tests.capture.joints.people import SIZE
 from tests.capture.sample_files import HAND_FRAMES, forms, hand, sample

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from handtrack import ArticulatedModel, Camera, Observation
 from handtrack.arrays import Array, F, Floats, S
-from handtrack.capture.clouds.depth import depth_cloud
+from handtrack.capture.clouds.point_cloud import depth_cloud
 from handtrack.simulation.render import pixel_rays, render
 from handtrack.simulation.simulate import simulated_rig
 

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from handtrack import ArticulatedModel, Camera, HandScale, Observation, Silhouette, load_model
 from handtrack.arrays import D3, D21, Floats
-from handtrack.capture.clouds.depth import depth_cloud
+from handtrack.capture.clouds.point_cloud import depth_cloud
 from handtrack.model.articulated import FINGERS
 from handtrack.model.ellipsoids import Ellipsoids, model_mask
 from handtrack.model.pose_library import alphabet, named_pose

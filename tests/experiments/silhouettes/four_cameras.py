@@ -26,8 +26,7 @@ from handtrack import (
 )
 from handtrack.arrays import D2, Floats, J, N
 from handtrack.bench.measuring import data_folder
-from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.resolve import named
+from handtrack.capture.calibration.formats.read_calibration import named, read_calibration
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.geometry.triangulation import triangulated
 from handtrack.model.model_file import write_scale

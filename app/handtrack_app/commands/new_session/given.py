@@ -17,13 +17,17 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats, N
 from handtrack.capture.calibration.formats.imported_rig import ImportedRig
-from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.resolve import (
+from handtrack.capture.calibration.formats.read_calibration import (
+    BODY,
+    HAND,
     LensView,
+    Subject,
     Unit,
     named,
     pinholes,
+    read_calibration,
     sized,
+    subject_length,
     unit_of,
     with_lens,
 )
@@ -31,16 +35,15 @@ from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, Image
 from handtrack.capture.images.openpose import LAYOUTS, height, is_body
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.given_joints import (
+    JOINTS,
     ImportedJoints,
     in_pixels,
     layout_of,
     people,
     write_joints,
 )
-from handtrack.capture.joints.joint_names import JOINTS
 from handtrack.capture.joints.pose2sim import Pose2SimProject, read_pose2sim
 from handtrack.capture.joints.read_joints import read_joints
-from handtrack.capture.joints.subject import BODY, HAND, Subject, subject_length
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.toml_table import read_toml
 from handtrack.geometry.camera import Camera, CameraRig, scaled_by

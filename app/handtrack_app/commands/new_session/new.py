@@ -7,9 +7,9 @@ from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 
+from handtrack.capture.calibration.formats.read_calibration import BODY, HAND
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.joints.given_joints import UnknownPoints
-from handtrack.capture.joints.subject import BODY, HAND
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import METHODS
 from handtrack.errors import HandtrackError, unknown_name

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import viser
 
-from handtrack.capture.clouds.skin_ellipse import SkinEllipse
+from handtrack.capture.clouds.cloud_filters import SkinEllipse
 from handtrack.session.session_file import CLOUD_SETTINGS
 from handtrack_app.page.html import chip, escaped, line, picture, pictures, rgb, table, text
 from handtrack_app.page.page import Client, Panel, Part, put

@@ -18,10 +18,10 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.capture.calibration.formats.camera_tables import camera_of
 from handtrack.capture.calibration.formats.imported_rig import (
     ImportedCamera,
     ImportedRig,
+    camera_of,
     is_fisheye,
     numbers,
     numbers_at,
