@@ -176,7 +176,7 @@ div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolut
   padding: 0 !important; text-align: center; font-size: 13px; pointer-events: none; }
 div:has(> .handtrack-next) + div { top: 24px; }
 .handtrack-next:not(:empty) { display: inline-block; padding: 0 .6em; border-radius: 4px; background: var(--mantine-color-body); }
-div:has(> .handtrack-next.handtrack-aside) + div { position: fixed; inset: auto 292px calc(var(--handtrack-below) + 10px) auto; }
+div:has(> .handtrack-next.handtrack-aside) + div { position: fixed; inset: auto 336px calc(var(--handtrack-below) + 10px) auto; }
 div:has(> .handtrack-next) + div .mantine-Button-root { display: inline-block !important; width: auto !important; height: 27px !important; padding: 0 1.1em !important;
   pointer-events: auto; box-shadow: 0 0 6px var(--mantine-color-body); }
 .handtrack-keys { columns: 21em auto; column-gap: 1.5em; padding: .3em .9em; font-size: 13px; line-height: 1.5; max-height: 60vh; overflow: auto; }

@@ -86,6 +86,7 @@ def test_another_model_takes_the_hands_place(cloudy):
             )
             eventually(lambda: set(cloudy.layout.pose.sliders) == set(cloudy.state.names))
             eventually(lambda: len(cloudy.state.values) == len(cloudy.state.names))
+            eventually(lambda bones=bones: cloudy.layout.pose.library.visible == (bones > 3))
             version = cloudy.state.version
             client.set_value(cloudy.layout.pose.sliders["root_tx"], 5.0 + place)
             eventually(lambda version=version: cloudy.state.version > version)

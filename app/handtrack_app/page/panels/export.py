@@ -11,6 +11,8 @@ from handtrack_app.page.page import Client, Panel
 from handtrack_app.protocol import Download
 
 _AS_RECORDED = "as recorded"
+_BY_COMMAND = "mano"
+"""the format that takes a file of the user's own, which `handtrack export` is given"""
 
 
 @dataclass
@@ -33,10 +35,11 @@ class ExportPanel(Panel):
             "First-frame pose (JSON)", lambda client: page.engine.export("init", client.handle.client_id), "download",
             "Downloads the pose you see as init.json. The session stays as it is.", by_page=True,
         )  # fmt: skip
-        for group in dict.fromkeys(known.group for known in FORMATS):
-            with gui.add_folder(group, expand_by_default=group == FORMATS[0].group):
+        offered = [known for known in FORMATS if known.name != _BY_COMMAND]
+        for group in dict.fromkeys(known.group for known in offered):
+            with gui.add_folder(group, expand_by_default=group == offered[0].group):
                 gui.add_html("<div class='handtrack-queue'></div>")
-                for known in FORMATS:
+                for known in offered:
                     if known.group == group:
                         act = partial(self._download, known)
                         page.button(card_words(known), act, "download", by_page=True)

@@ -84,6 +84,7 @@ class PosePanel(Panel):
             lambda chosen: self._choose(session.poses.get(chosen)),
             "Sets the joint angles to a pose of the library.",
         )  # fmt: skip
+        page.offer(self.library, self._is_in_library)
         page.button(
             "Fit frame", self._fit, "focus-2",
             "Fits the model to this frame, starting from the pose you see. Undo returns to that pose.",
@@ -138,6 +139,11 @@ class PosePanel(Panel):
             return
         source = {"Before": "previous", "First": "start"}.get(choice, choice)
         self.engine.take_pose(state.frame, source, version)
+
+    def _is_in_library(self) -> bool:
+        """Return whether the model has the joints of the library's poses, as simpler hands have not."""
+        session = self.state.session
+        return session.kind == "body" or "Index" in groups_of(session.parameter_names)
 
     def _choose(self, name: str | None) -> None:
         if name is not None:
