@@ -12,6 +12,8 @@ from handtrack.terms.term import ObservationTerm, ParameterTerm
 
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 DEFORMED = (*TWIST, "sx", "sy", "sz", "shift x", "shift y", "shift z")
+KINKED = {"step": 1e-9, "rtol": 1e-3}
+"""where pixels change hands between ellipsoids and enter bands: the cost has a kink there, so steps are short"""
 
 
 def check_jacobian(

@@ -218,13 +218,13 @@ def test_flying_pixels_go_and_surfaces_stay(rng):
 
 
 def test_grazing_surfaces_go():
-    angle = np.radians(85)
-    slope = np.tan(angle) / 300.0
-    depth = 0.5 * np.exp(slope * np.arange(40))[None].repeat(50, axis=0)
+    def inclined(deg):
+        slope = np.tan(np.radians(deg)) / 300.0
+        return 0.5 * np.exp(slope * np.arange(40))[None].repeat(50, axis=0)
+
     strict = {"grazing_deg": 80, "jump_share": 0.0}
-    assert not surface_pixels(depth, 300.0, **strict).any()
-    flat = 0.5 * np.exp(np.tan(np.radians(60)) / 300.0 * np.arange(40))[None].repeat(50, axis=0)
-    assert surface_pixels(flat, 300.0, **strict)[1:-1, 1:-1].all()
+    assert not surface_pixels(inclined(85), 300.0, **strict).any()
+    assert surface_pixels(inclined(60), 300.0, **strict)[1:-1, 1:-1].all()
 
 
 def test_a_real_hand_before_a_body(data_dir):
