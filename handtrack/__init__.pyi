@@ -4,7 +4,7 @@ from .capture.calibration.formats.read_calibration import read_cameras as read_c
 from .capture.clouds.point_cloud import PointCloud as PointCloud
 from .diagnostics.metrics import evaluate as evaluate
 from .errors import HandtrackError as HandtrackError
-from .export.tables.tables_and_arrays import write_csv as write_csv
+from .export.tables_and_arrays import write_csv as write_csv
 from .geometry.camera import Camera as Camera
 from .geometry.camera import CameraRig as CameraRig
 from .model.articulated import ArticulatedModel as ArticulatedModel

@@ -12,7 +12,7 @@ import numpy as np
 from docs.pictures.plotting import pyplot, saved
 from handtrack.arrays import Floats
 from handtrack.export.isb import isb_angles
-from handtrack.export.shown.mesh import joint_links, model_skin
+from handtrack.export.shown import joint_links, model_skin
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
@@ -194,3 +195,17 @@ def write_over(path: Path, content: bytes | None, ours: bytes | None) -> bool:
         raise HandtrackError(
             f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
         ) from None
+
+
+# ---- Films that OpenCV writes
+
+
+def check_film(path: Path, frames: int) -> None:
+    """Raise OSError where a film that was written has fewer frames: of a full disk, OpenCV says nothing."""
+    import cv2  # slow to import
+
+    film = cv2.VideoCapture(str(path))
+    held = int(film.get(cv2.CAP_PROP_FRAME_COUNT))
+    film.release()
+    if held < frames:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))

@@ -156,7 +156,7 @@ _ITERATIONS, _DONE_RAD = 50, 1e-9
 def own_params(model: ArticulatedModel, clip: MotionClip, unit_m: float) -> Floats[F, P] | None:
     """Return solver parameters whose bones are turned as a clip's joints, each named by its bone; None for other clips.
 
-    The clip's turns are from the model's zero pose, as `export.motion.motion_files` writes them; the root's place is the clip's.
+    The clip's turns are from the model's zero pose, as `export.motion` writes them; the root's place is the clip's.
     """
     names = ["_".join(name.split()) for name in model.skeleton.bone_names]
     if clip.turns is None or not set(names) <= set(clip.names):

@@ -17,7 +17,7 @@ from handtrack.capture.clouds.point_cloud import PointCloud, depth_cloud
 from handtrack.capture.images.openpose import LAYOUTS, Layout
 from handtrack.capture.joints.given_joints import NAMED, write_joints
 from handtrack.errors import HandtrackError
-from handtrack.files.films import check_film
+from handtrack.files.atomic import check_film
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import looking_along
 from handtrack.model.articulated import ArticulatedModel

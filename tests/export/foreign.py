@@ -17,9 +17,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from handtrack.export.motion.motion_files import marker_name
+from handtrack.export.motion import marker_name
 from handtrack.export.registry import export_format
-from handtrack.export.shown.mesh import model_skin
+from handtrack.export.shown import model_skin
 from handtrack.export.table import ResultsTable
 from tests.export.sequences import KINDS, LOST_ROW, sample_sequence
 

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from handtrack import (
     load_model,
 )
-from handtrack.export.motion.xml_models import urdf_text
+from handtrack.export.motion import urdf_text
 from tests.conftest import REPOSITORY, refused
 
 GRIPPER = REPOSITORY / "docs" / "notebooks" / "gripper.urdf"

@@ -15,7 +15,7 @@ from handtrack.bench.registry import QUICK, benchmark
 from handtrack.capture.calibration.rig_picture import draw_rig
 from handtrack.diagnostics.metrics import evaluate, in_truths_landmarks
 from handtrack.errors import HandtrackError
-from handtrack.export.motion.xml_models import urdf_text
+from handtrack.export.motion import urdf_text
 from handtrack.files.atomic import replace_text, replacing
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.model.model_file import load_model, read_definition

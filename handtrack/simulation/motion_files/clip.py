@@ -11,8 +11,8 @@ import numpy as np
 
 from handtrack.arrays import D3, F, Floats, J
 from handtrack.errors import HandtrackError, check_name, index_of
-from handtrack.files.bvh_hierarchy import BvhJoint, numbers_of, read_hierarchy
 from handtrack.files.text_files import INCH_M, read_text
+from handtrack.model.others.bvh import BvhJoint, numbers_of, read_hierarchy
 
 LARGEST = 1 << 29  # bytes of a motion file: an hour
 

@@ -13,7 +13,7 @@ from viser._messages import LocalStorageGetItemRequestMessage
 from handtrack_app import protocol
 from handtrack_app.engine.camera_pictures import CameraPictures
 from handtrack_app.page.panels.pose import unit_of
-from handtrack_app.page.scene import camera_view
+from handtrack_app.page.scene import looking
 from handtrack_app.page.timeline import cursor_picture
 from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
@@ -93,7 +93,7 @@ class Witness:
 @pytest.fixture
 def bench(tmp_path, monkeypatch):
     """Frames and pictures take a while, nothing of another frame is shown, not for a moment, and windows are too small for a pose."""
-    monkeypatch.setattr(camera_view, "_MOMENT_S", 0.0)
+    monkeypatch.setattr(looking, "_MOMENT_S", 0.0)
     painted = CameraPictures.painted
 
     def late(*given, **small):

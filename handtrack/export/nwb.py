@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.export.shown.mesh import joint_links
+from handtrack.export.shown import joint_links
 from handtrack.export.table import ArchiveMetadata, ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.session.formats.tables import AXES
