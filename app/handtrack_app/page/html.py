@@ -372,6 +372,8 @@ if (document.getElementById("handtrack-style") === null) {
   document.body.addEventListener("keydown", (event) => {
     const open = document.querySelector('[role="dialog"]') !== null, held = event.ctrlKey || event.metaKey || event.altKey;
     const busy = event.target instanceof Element && event.target.closest(controls) !== null && !held;
+    // a frame's number is typed: keys act again
+    if (busy && event.key === "Enter" && event.target.matches('.mantine-Paper-root:has(.handtrack-timeline) .mantine-NumberInput-root input')) event.target.blur();
     if (event.key === "Escape") {
       awaited = false;
       if (busy) event.target.blur();

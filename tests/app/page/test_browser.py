@@ -358,7 +358,6 @@ def _shows_what_matters_whole_until_it_is_put_away(bench, view):
     box.fill("11")
     box.press("Enter")
     eventually(lambda: bench.state.frame == 11)
-    box.press("Escape")
     page.keyboard.press("Home")
     eventually(
         lambda: box.input_value() == "0", "what is typed by the link replaces another number"
