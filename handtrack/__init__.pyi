@@ -22,7 +22,7 @@ from .session.session import Session as Session
 from .session.track_session import TrackingRequest as TrackingRequest
 from .session.track_session import request_for as request_for
 from .session.track_session import track_session as track_session
-from .terms.joint_position_term import JointPositionTerm as JointPositionTerm
+from .terms.keypoints import JointPositionTerm as JointPositionTerm
 from .tracking.find_pose import PoseEstimate as PoseEstimate
 from .tracking.find_pose import find_pose as find_pose
 from .tracking.frame.frame_task import TrackerState as TrackerState

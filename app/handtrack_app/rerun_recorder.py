@@ -46,8 +46,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.observation.truth import mean_error_mm
 from handtrack.session.run import TrackingRun
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap
-from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
+from handtrack.terms.silhouettes import ConicFieldTerm, CoverageTerm, outline_overlap
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult

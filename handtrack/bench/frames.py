@@ -25,7 +25,7 @@ from handtrack.model.model_file import load_model
 from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.terms.silhouettes import outline_overlap
 from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.frame.frame_task import TrackerState
 

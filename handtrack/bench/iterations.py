@@ -30,10 +30,14 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.limited_step_kernels import bounded_step
 from handtrack.solver.problem import Problem
-from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap
-from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
-from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm, rows_apart
+from handtrack.terms.clouds import CloudDistanceTerm, prepare_cloud
+from handtrack.terms.silhouettes import (
+    CoverageTerm,
+    PreparedSilhouette,
+    outline_overlap,
+    prepare,
+    rows_apart,
+)
 
 # ---- Silhouettes: a relaxed hand before three cameras
 

@@ -24,7 +24,7 @@ from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.keypoint_kernels import place, pose
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.simulation.scenes.jump_scene import JumpScene, body_priors, full_scene
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors import GaussianPrior
 
 LIMBS, LENGTH_M = 5, 0.25
 Vector = Sequence[float]

@@ -16,14 +16,10 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.ellipsoids import Ellipsoids, field_image, model_mask
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Silhouette
-from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm
-from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
-from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
-from handtrack.terms.images.carried_texture import CarriedTextureTerm
-from handtrack.terms.images.outline_edges import OutlineEdgesTerm
+from handtrack.terms.clouds import CloudDistanceTerm, CloudEmptinessTerm, CloudRaysTerm
+from handtrack.terms.images import CarriedTextureTerm, OutlineEdgesTerm
 from handtrack.terms.own_time import AtOwnTime
-from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
-from handtrack.terms.silhouettes.unexplained import THICK_M, pieces
+from handtrack.terms.silhouettes import THICK_M, ConicFieldTerm, CoverageTerm, pieces
 from handtrack.terms.term import ObservationTerm
 
 MODEL_ONLY = (0, 114, 178)

@@ -12,7 +12,7 @@ from handtrack.diagnostics.metrics import known_median
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation, Silhouette
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.terms.silhouettes import outline_overlap
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult, TrackResult

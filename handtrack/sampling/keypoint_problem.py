@@ -14,10 +14,9 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.limits import MovingLimits
 from handtrack.model.skeleton import KinematicTree
 from handtrack.observation.observation import ImageKeypoints, Keypoints
-from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.loss import Loss, quadratic
-from handtrack.terms.priors.priors import LinearPrior
-from handtrack.terms.term import ParameterTerm
+from handtrack.terms.priors import LinearPrior
+from handtrack.terms.term import JointSystem, ParameterTerm
 
 
 class KeypointProblem(NamedTuple):

@@ -13,7 +13,7 @@ from handtrack.parallel import one_blas_thread
 from handtrack.solver.limited_step_kernels import bounded_step, clipped, stepped
 from handtrack.solver.problem import Problem
 from handtrack.solver.solver_settings import SolverSettings
-from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.term import JointSystem
 
 
 @dataclass(frozen=True)

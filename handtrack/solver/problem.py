@@ -12,8 +12,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.limits import MovingLimits
 from handtrack.terms.bone_kernels import to_solver
-from handtrack.terms.bone_system import COST_ALONE, JointSystem, Sums
-from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.terms.term import COST_ALONE, JointSystem, ObservationTerm, ParameterTerm, Sums
 
 
 @dataclass(frozen=True)

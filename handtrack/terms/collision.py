@@ -14,9 +14,8 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_kernels import posed_shapes
-from handtrack.terms.bone_system import Sums
 from handtrack.terms.collision_kernels import collision_sums, overlaps
-from handtrack.terms.term import SurfaceTerm, check_noise
+from handtrack.terms.term import Sums, SurfaceTerm, check_noise
 
 _SOFT_M = 0.002
 """how far a finger's flesh gives way under a light touch: its pulp by 2 mm at a newton, and hardly further (Serina et al. 1997); as

@@ -9,8 +9,7 @@ import numpy as np
 from handtrack.arrays import D3, B, Floats, K, L, N, array_dataclass
 from handtrack.geometry.rotation import skew
 from handtrack.model.kinematics import BoneFields, BonePoses
-from handtrack.terms.bone_system import Sums
-from handtrack.terms.term import ObservationTerm
+from handtrack.terms.term import ObservationTerm, Sums
 
 
 @array_dataclass

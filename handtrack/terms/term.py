@@ -3,14 +3,63 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import B, Floats, L, N, S
+from handtrack.arrays import D3, Axes, B, Floats, Ints, K, L, N, P, S
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.terms.bone_kernels import pull_back
-from handtrack.terms.bone_system import COST_ALONE, JointSystem, Sums
+
+
+@dataclass(frozen=True)
+class JointSystem:
+    """cost + gᵀδ + ½ δᵀHδ for a change δ of K numbers: parameters of joints or the solver, or what moves bones."""
+
+    cost: float
+    gradient: Floats[K]
+    hessian: Floats[K, K]
+
+    @classmethod
+    def zero(cls, count: int) -> JointSystem:
+        """Return the system of no residual at all."""
+        return cls(0.0, np.zeros(count), np.zeros((count, count)))
+
+    def __add__(self, other: JointSystem) -> JointSystem:
+        return JointSystem(
+            self.cost + other.cost, self.gradient + other.gradient, self.hessian + other.hessian
+        )
+
+    def pull_back(self, matrix: Floats[K, P]) -> JointSystem:
+        """Return the system of q where these numbers are matrix · q + offset."""
+        return JointSystem(self.cost, matrix.T @ self.gradient, matrix.T @ self.hessian @ matrix)
+
+
+class Sums(NamedTuple):
+    """Gradient and Gauss-Newton Hessian to which terms add, in place; compiled code takes it as it is.
+
+    width numbers for each bone: 6, its twist (v, ω), world axes, about the root; 12, where a person's shape is fitted, (v, G) as in
+    `BoneFields`: bones turn and deform, dX = v + G (X − o), docs/explanation/trajectory.md. Of joint parameters there is one each.
+    A width of 0 is of no use to anybody: the cost alone is wanted.
+    """
+
+    width: int
+    gradient: Floats[N]
+    hessian: Floats[N, N]
+
+    @classmethod
+    def zero(cls, count: int, width: int = 1) -> Sums:
+        """Return sums of no residual yet, of `count` bones or joint parameters."""
+        size = count * width
+        return cls(width, np.zeros(size), np.zeros((size, size)))
+
+
+COST_ALONE = Sums.zero(0, 0)
+
+
+# ---- The kinds of terms
 
 
 def check_noise(name: str, sigma_m: float, slack_m: float = 0.0) -> None:
@@ -84,3 +133,51 @@ class ParameterTerm(ABC):
         """Return cost, gradient and Hessian (S, S)."""
         sums = Sums.zero(len(joint_params))
         return JointSystem(self.add_to(joint_params, sums), sums.gradient, sums.hessian)
+
+
+# ---- Residuals with their derivatives by the bones' motion, of terms that are written with NumPy
+
+
+def motion_row(
+    points: Floats[*Axes, D3], normals: Floats[*Axes, D3], reference: Floats[D3], width: int = 6
+) -> Floats[*Axes, L]:
+    """Return what the motion of X's bone adds to a measurement along n at X: [n ; (X − o) × n] by
+    its twist, [n ; n (X − o)ᵀ] by its field, of twelve numbers; n alone by X's own velocity.
+
+    Parameters
+    ----------
+    points, normals
+        World, broadcast.
+    """
+    if width == 3:
+        return normals
+    arm = points - reference
+    if width < 12:
+        return np.concatenate([normals, np.cross(arm, normals)], axis=-1)
+    outer = normals[..., None] * arm[..., None, :]
+    return np.concatenate([normals, outer.reshape(*normals.shape[:-1], 9)], axis=-1)
+
+
+def add_rows(
+    sums: Sums, residual: Floats[N], bone: Ints[*Axes], motion: Floats[N, K, L], weight: Floats[N]
+) -> None:
+    """Add gradient Jᵀ W r and Hessian Jᵀ W J of residuals, each of which depends on K bones; nothing where derivatives are not wanted.
+
+    Parameters
+    ----------
+    bone
+        (K,) where they are the same for all residuals, else (N, K).
+    motion
+        Derivative of each residual by each of its bones' motion, see `motion_row`.
+    weight
+        dρ/d(r²).
+    """
+    if not sums.width:
+        return
+    count = len(residual)
+    rows = np.zeros((count, len(sums.gradient) // sums.width, sums.width))
+    np.add.at(rows, (np.arange(count)[:, None], bone), motion)
+    rows = rows.reshape(count, -1)
+    weighted = rows * weight[:, None]
+    np.add(sums.gradient, weighted.T @ residual, out=sums.gradient)
+    np.add(sums.hessian, weighted.T @ rows, out=sums.hessian)

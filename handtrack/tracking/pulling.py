@@ -13,7 +13,7 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.collision import contact
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors import GaussianPrior
 from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_terms import frame_terms, pin_terms
 from handtrack.tracking.frame.settings import TrackerSettings

@@ -10,7 +10,7 @@ from handtrack.diagnostics.review import intervals_to_review
 from handtrack.diagnostics.score import score
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
+from handtrack.terms.silhouettes import ConicFieldTerm, CoverageTerm
 from handtrack.tracking.frame.reason import Reason
 from tests.terms.silhouette_scene import bones_of, ellipsoids_of, silhouettes_of
 

@@ -32,8 +32,8 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
 from handtrack.solver.solver_settings import SolverSettings
-from handtrack.terms.images.depth_picture import depth_picture
-from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm
+from handtrack.terms.images import depth_picture
+from handtrack.terms.silhouettes import ConicFieldTerm
 from handtrack.tracking.sequence import track_frames
 from tests.experiments.scenes.closing_fist import scene
 from tests.experiments.scenes.simulated_clouds import DIGICLOPS, depth_views

@@ -22,7 +22,7 @@ from handtrack import (
     write_npz,
 )
 from handtrack.model.articulated import keypoint_names
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors import GaussianPrior
 from tests.cameras import pinhole
 from tests.conftest import refused
 from tests.derivatives import check_observation_term

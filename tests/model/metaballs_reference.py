@@ -7,7 +7,7 @@ from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.loss import Loss
-from handtrack.terms.rows import motion_row
+from handtrack.terms.term import motion_row
 
 STEP = 1e-20
 """so small that a function of x + i·STEP is its value plus i·STEP times its slope, to the last digit"""

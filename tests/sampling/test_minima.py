@@ -16,7 +16,7 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
-from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
+from handtrack.terms.priors import GaussianPrior, LinearPrior
 from tests.cameras import FACING, pinhole
 from tests.derivatives import check_jacobian
 

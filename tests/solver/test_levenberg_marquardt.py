@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 
 from handtrack.model.limits import MovingLimits
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
-from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.term import JointSystem
 
 
 class Linear:

@@ -10,8 +10,8 @@ from handtrack.model.limits import MovingLimits
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.limited_step_kernels import bounded_step, clip, fill_box, new_box
 from handtrack.solver.problem import Problem
-from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.priors.priors import CorrelatedPrior
+from handtrack.terms.priors import CorrelatedPrior
+from handtrack.terms.term import JointSystem
 
 FAR = SolverSettings(iterations=100, cost_tolerance=1e-13)
 

@@ -6,7 +6,7 @@ import pytest
 from handtrack import Keypoints, load_model
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
+from handtrack.terms.priors import GaussianPrior, LinearPrior
 from tests.derivatives import check_gradient
 
 

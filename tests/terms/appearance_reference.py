@@ -3,9 +3,8 @@
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.images.outline_edges import CLUTTER, CORRELATION_PX
-from handtrack.terms.rows import motion_row
+from handtrack.terms.images import CLUTTER, CORRELATION_PX
+from handtrack.terms.term import JointSystem, motion_row
 from tests.terms.plain_rows import system_of
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from handtrack.terms.clouds.cloud_rays import BESIDE_M, MISSED, OUTLIERS
+from handtrack.terms.clouds import BESIDE_M, MISSED, OUTLIERS
 
 
 def slope_distance(axes, x):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.term import JointSystem
 
 STEP = 1e-20
 """so small that a function of x + i·STEP is its value plus i·STEP times its slope, to the last digit"""

@@ -5,15 +5,16 @@ import numpy as np
 
 from handtrack import Camera
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
-from handtrack.terms.images.carried_texture import (
+from handtrack.terms.images import (
     Texture,
+    depth_picture,
+    edges_near,
     exposed_as,
+    outline_points,
+    smooth_image,
     still_visible,
     texture_points,
 )
-from handtrack.terms.images.depth_picture import depth_picture
-from handtrack.terms.images.outline_edges import edges_near, outline_points
-from handtrack.terms.images.smooth_image import smooth_image
 from tests.terms.silhouette_scene import bones_of, camera_of, ellipsoids_of, moved_along
 
 STEP_M = 0.004

@@ -1,7 +1,6 @@
 """Systems of rows, for terms' plain forms."""
 
-from handtrack.terms.bone_system import JointSystem, Sums
-from handtrack.terms.rows import add_rows
+from handtrack.terms.term import JointSystem, Sums, add_rows
 
 
 def system_of(bones: int, cost: float, *rows) -> JointSystem:

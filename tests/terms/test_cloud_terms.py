@@ -11,12 +11,16 @@ from handtrack import Camera, load_model
 from handtrack.geometry.camera import camera_matrix
 from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
-from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, visible_from
-from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
-from handtrack.terms.clouds.distance_map import distance_map
+from handtrack.terms.clouds import (
+    CloudDistanceTerm,
+    CloudEmptinessTerm,
+    CloudRaysTerm,
+    distance_map,
+    prepare_cloud,
+    visible_from,
+)
 from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
-from handtrack.terms.rows import motion_row
+from handtrack.terms.term import motion_row
 from tests.derivatives import check_jacobian, check_observation_term
 from tests.model.metaballs_reference import cloud_rows
 from tests.terms.cloud_rays_reference import ray_costs

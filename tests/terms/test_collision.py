@@ -8,7 +8,7 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.collision import CollisionTerm, colliding_pairs, contact
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors import GaussianPrior
 from tests.terms.collision_reference import signed_distance
 from tests.terms.silhouette_scene import parts_at
 

@@ -7,8 +7,8 @@ from handtrack import ImageKeypoints, Keypoints, load_model
 from handtrack.terms.collision import CollisionTerm, colliding_pairs
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, quadratic
-from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
-from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
+from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.silhouettes import ConicFieldTerm, CoverageTerm
 from tests.cameras import pinhole
 from tests.derivatives import KINKED, check_observation_term, check_parameter_term
 from tests.terms.silhouette_scene import bones_of, ellipsoids_of, silhouettes_of

@@ -10,16 +10,17 @@ from handtrack.diagnostics.residuals import image_residuals
 from handtrack.geometry.quadric import dual_conic, ellipse, shape_matrix
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.render import render
-from handtrack.terms.images.carried_texture import (
+from handtrack.terms.images import (
     CarriedTextureTerm,
+    OutlineEdgesTerm,
     Texture,
     contradicts,
+    depth_picture,
+    outline_points,
+    smooth_image,
     still_visible,
     texture_points,
 )
-from handtrack.terms.images.depth_picture import depth_picture
-from handtrack.terms.images.outline_edges import OutlineEdgesTerm, outline_points
-from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.loss import geman_mcclure, huber, quadratic
 from tests.cameras import pinhole
 from tests.derivatives import KINKED, check_observation_term

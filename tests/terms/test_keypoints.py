@@ -9,10 +9,9 @@ from numpy.testing import assert_allclose
 from handtrack import ImageKeypoints, Keypoints, load_model
 from handtrack.observation.pins import PIN_SIGMA_PX, ImagePins, Pin
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.bone_system import Sums
-from handtrack.terms.joint_position_term import JointPositionTerm
-from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.keypoints import JointPositionTerm, KeypointTerm
 from handtrack.terms.loss import huber
+from handtrack.terms.term import Sums
 from tests.derivatives import check_observation_term
 
 SIGMA_M, SIGMA_PX = 0.004, 2.0

@@ -7,9 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import Silhouette
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap
-from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
-from handtrack.terms.silhouettes.silhouette_terms import ConicFieldTerm, CoverageTerm
+from handtrack.terms.silhouettes import ConicFieldTerm, CoverageTerm, clip_spans, outline_overlap
 from tests.cameras import pinhole
 from tests.terms.conic_field_reference import dense_field
 from tests.terms.silhouette_scene import (

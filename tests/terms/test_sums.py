@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from handtrack import load_model
 from handtrack.model.articulated import FINGERS
 from handtrack.terms.loss import huber
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors import GaussianPrior
 from handtrack.tracking.frame.terms.priors import posture_prior
 
 

@@ -20,7 +20,7 @@ from handtrack import (
 from handtrack.model.articulated import keypoint_names
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.clouds.cloud_emptiness import hidden
+from handtrack.terms.clouds import hidden
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.cloud_terms import see_cloud
 from handtrack.tracking.search.keypoint_start import fit_keypoints

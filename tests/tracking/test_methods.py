@@ -18,7 +18,7 @@ from handtrack import (
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import relaxed_mesh
 from handtrack.sampling.diffusion import long_tailed
-from handtrack.terms.priors.priors import CorrelatedPrior
+from handtrack.terms.priors import CorrelatedPrior
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import frame_terms

@@ -11,7 +11,7 @@ from handtrack import ImageKeypoints, Observation, TrackerSettings, load_model
 from handtrack.sampling.chains import chains_of
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms

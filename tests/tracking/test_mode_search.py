@@ -11,7 +11,7 @@ from handtrack import Observation, Status, TrackerSettings, load_model
 from handtrack.model.pose_changes import changes
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.term import JointSystem
 from handtrack.tracking.frame.confidence import ELSEWHERE
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.result import Alternative

@@ -20,9 +20,9 @@ from handtrack.model.model_file import read_scale, write_scale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.solver.problem import Problem
-from handtrack.terms.clouds.cloud_emptiness import visible_from
+from handtrack.terms.clouds import visible_from
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors import GaussianPrior
 from handtrack.tracking.size.cameras import CameraChanges
 from handtrack.tracking.size.estimate import Shared, estimate_whole, fit_size
 from handtrack.tracking.size.person import PersonChange, Subject, shape_covariance

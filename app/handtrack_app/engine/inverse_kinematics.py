@@ -12,7 +12,7 @@ from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors import GaussianPrior
 
 _POINT_SIGMA_M = 0.001
 _STAY_SIGMA = np.deg2rad(60.0)  # what the place leaves open stays as it was

@@ -19,8 +19,7 @@ from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.size import SizeParameters, hand_length_mm, is_unmeasured
 from handtrack.observation.observation import CLOUD_NAME
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
-from handtrack.terms.silhouettes.unexplained import unexplained_mm2
+from handtrack.terms.silhouettes import outline_overlap, parts_overlap, unexplained_mm2
 from handtrack.tracking.frame.constants import (
     BODY_BY_HAND,
     DOUBTFUL_CLOUD,

@@ -22,8 +22,8 @@ from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import inherited_information, uncertainty, with_lasting_errors
 from handtrack.solver.levenberg_marquardt import SolveSummary
 from handtrack.solver.problem import Problem
-from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.term import JointSystem
 from handtrack.tracking.frame.confidence import assessed_as, frame_confidence
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.frame.control import Control

@@ -24,12 +24,13 @@ from handtrack.terms.collision import contact
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap
-from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
-from handtrack.terms.silhouettes.silhouette_terms import (
+from handtrack.terms.silhouettes import (
     ConicFieldTerm,
     CoverageTerm,
     FieldTerm,
+    PreparedSilhouette,
+    outline_overlap,
+    prepare,
     rows_apart,
 )
 from handtrack.terms.term import ObservationTerm, ParameterTerm

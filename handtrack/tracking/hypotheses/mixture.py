@@ -25,7 +25,7 @@ from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.suppression import apart_joints
 from handtrack.solver.covariance import covariance
 from handtrack.solver.levenberg_marquardt import SolveSummary
-from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.constants import APART_MM, JUMP_SHARE, MERGE_DEG, MIXTURE_DESCENTS
 from handtrack.tracking.frame.control import Round, Search, Tried

@@ -40,12 +40,16 @@ from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.observation.observation import UNKNOWN, CloudView, Silhouette, view_centres
 from handtrack.sampling.suppression import apart
-from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, visible_from
-from handtrack.terms.clouds.distance_map import DistanceMap, distance_map
+from handtrack.terms.clouds import (
+    CloudDistanceTerm,
+    CloudEmptinessTerm,
+    DistanceMap,
+    distance_map,
+    prepare_cloud,
+    visible_from,
+)
 from handtrack.terms.loss import geman_mcclure
-from handtrack.terms.silhouettes.prepared_silhouette import prepare
-from handtrack.terms.silhouettes.silhouette_terms import CoverageTerm
+from handtrack.terms.silhouettes import CoverageTerm, prepare
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.search.score_kernels import cloud_scores, silhouette_scores
 

@@ -14,8 +14,8 @@ from handtrack.sampling.suppression import apart_joints
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_kernels import pull_back
-from handtrack.terms.bone_system import Sums
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.terms.silhouettes import outline_overlap
+from handtrack.terms.term import Sums
 from handtrack.tracking.frame.constants import (
     DOUBTFUL_CLOUD,
     DOUBTFUL_OVERLAP,

@@ -13,7 +13,7 @@ from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
 from handtrack.solver.problem import Problem
-from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.term import JointSystem
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings

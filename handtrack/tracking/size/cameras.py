@@ -12,7 +12,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.model.pose_changes import PLACE, TURN, changes, moved
 from handtrack.observation.observation import CLOUD_NAME, Observation
-from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.term import JointSystem
 
 _TURN_RAD, _SHIFT_M, _ZOOM = np.deg2rad(0.5), 0.002, 0.005
 """what a calibration may be off by: a camera that was touched after it, or a board that was not flat. Of turn and shift the length"""

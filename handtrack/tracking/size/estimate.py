@@ -20,10 +20,9 @@ from handtrack.parallel import in_parallel
 from handtrack.solver.block_banded import REACH, Bordered
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_kernels import add_to_chosen
-from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.silhouettes.silhouette_terms import FieldTerm
-from handtrack.terms.term import ObservationTerm
+from handtrack.terms.silhouettes import FieldTerm
+from handtrack.terms.term import JointSystem, ObservationTerm
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.size.cameras import (
     CALIBRATION,

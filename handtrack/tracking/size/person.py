@@ -14,7 +14,7 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale, ShapeCovariance
 from handtrack.model.size import FOREARM_END, SizeParameters, hand_length_slope
 from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
-from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.term import JointSystem
 from handtrack.tracking.frame.result import Status, TrackResult
 
 _ANGLE = np.deg2rad(20.0)  # between two lines of sight

@@ -23,9 +23,9 @@ from handtrack.observation.observation import (
 )
 from handtrack.observation.pins import ImagePins
 from handtrack.solver.problem import Problem
-from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors import GaussianPrior
+from handtrack.terms.term import JointSystem
 from handtrack.tracking.frame.control import Control, Observe
 from handtrack.tracking.frame.descent import only_camera, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, by_camera, frame_terms

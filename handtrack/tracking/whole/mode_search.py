@@ -13,7 +13,7 @@ from handtrack.arrays import Array, F, Floats, Ints, K, L, P, array_dataclass, r
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_changes import change, changes, moved
 from handtrack.parallel import in_parallel
-from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.term import JointSystem
 from handtrack.tracking.frame.confidence import assess, energy_ratio
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend, stage_problem

@@ -10,7 +10,7 @@ from handtrack import ArticulatedModel, Camera, Silhouette
 from handtrack.arrays import Floats, P
 from handtrack.model.ellipsoids import field_image
 from handtrack.simulation.scenes.simulated_views import everything
-from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
+from handtrack.terms.silhouettes import PreparedSilhouette, prepare
 
 
 def field_views(

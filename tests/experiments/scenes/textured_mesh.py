@@ -12,8 +12,7 @@ from handtrack import Camera
 from handtrack.arrays import D3, Array, B, Floats, H, Ints, K, N, W
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
-from handtrack.terms.images.carried_texture import texture_points
-from handtrack.terms.images.depth_picture import DepthPicture, depth_picture
+from handtrack.terms.images import DepthPicture, depth_picture, texture_points
 
 Paint = Callable[[Ints[N], Floats[N, D3]], Floats[N, D3]]
 """bone, place in its frame [m] → colour, 0 … 255"""

@@ -17,7 +17,7 @@ from handtrack.bench.measuring import alone, alternating_timings, ratio_figures
 from handtrack.session.takes import about_take
 from handtrack.solver.problem import Problem
 from handtrack.store.store import Store, WritableStore
-from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
+from handtrack.terms.clouds import CloudDistanceTerm, prepare_cloud
 from tests.experiments.workbench.long_recordings import opened
 
 _FRAMES = (1_000, 20_000)

@@ -16,17 +16,19 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.observation.observation import ImageView, Observation
-from handtrack.terms.images.carried_texture import (
+from handtrack.terms.images import (
     CarriedTextureTerm,
+    OutlineEdgesTerm,
     Texture,
     contradicts,
+    depth_picture,
+    edges_near,
     exposed_as,
+    outline_points,
+    smooth_image,
     still_visible,
     texture_points,
 )
-from handtrack.terms.images.depth_picture import depth_picture
-from handtrack.terms.images.outline_edges import OutlineEdgesTerm, edges_near, outline_points
-from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import (

@@ -15,10 +15,16 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.model.surfaces.surface_mesh import relaxed_mesh
 from handtrack.observation.observation import CloudView, Observation, view_centres
-from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
-from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, hiding, visible_from
-from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
-from handtrack.terms.clouds.distance_map import distance_map
+from handtrack.terms.clouds import (
+    CloudDistanceTerm,
+    CloudEmptinessTerm,
+    CloudRaysTerm,
+    PreparedCloud,
+    distance_map,
+    hiding,
+    prepare_cloud,
+    visible_from,
+)
 from handtrack.terms.loss import Loss, geman_mcclure, quadratic, uniform_outliers
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM, FOREARM_VISIBLE_MM

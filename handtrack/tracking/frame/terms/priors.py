@@ -9,7 +9,7 @@ import numpy as np
 from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.loss import Loss
-from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
+from handtrack.terms.priors import GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.settings import PriorSettings
 

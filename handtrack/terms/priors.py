@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Floats, K, S, contiguous
-from handtrack.terms.bone_system import Sums
 from handtrack.terms.loss import Loss, quadratic
-from handtrack.terms.priors.prior_kernels import correlated_sums, independent_sums, linear_sums
-from handtrack.terms.term import ParameterTerm
+from handtrack.terms.prior_kernels import correlated_sums, independent_sums, linear_sums
+from handtrack.terms.term import ParameterTerm, Sums
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numba.core import types
 
-from handtrack.arrays import D2, D3, D4, E, Floats
+from handtrack.arrays import D2, D3, D4, D8, D24, Array, Bytes, E, Floats, H, Ints, K, L, M, N, X
 from handtrack.compiled import compiled, compiled_as_numpy, inlined
 from handtrack.model.kinematics import Frames
 from handtrack.terms.bone_kernels import posed_shapes
-from handtrack.terms.bone_system import Sums
-from handtrack.terms.lanes_kernels import Eight, written
-from handtrack.terms.silhouettes.conic_kernels import (
+from handtrack.terms.conic_kernels import (
     CENTRE_U,
     CENTRE_V,
     ELLIPSE,
@@ -41,8 +39,8 @@ from handtrack.terms.silhouettes.conic_kernels import (
     project,
     room,
 )
-from handtrack.terms.silhouettes.prepared_silhouette import MaskArrays
-from handtrack.terms.silhouettes.row_kernels import (
+from handtrack.terms.lanes_kernels import Eight, written
+from handtrack.terms.row_kernels import (
     BLOCK,
     MOMENTS,
     PADDING,
@@ -56,6 +54,7 @@ from handtrack.terms.silhouettes.row_kernels import (
     number_at,
     paint,
 )
+from handtrack.terms.term import Sums
 
 MIDDLE_U, MIDDLE_V, SLANT, ACROSS, DOWN, ROOM, FACTOR, BEND = range(8)
 """Columns of `lines`: the ellipse's centre [px]; d middle / d row; half-width² per unit of room; room lost per row²;
@@ -64,6 +63,25 @@ LINE = 8
 SPANS = 6 * BLOCK
 """numbers of eight rows' spans, see `_fill_spans`"""
 _SURELY = 1e-6  # [px] nearer to its end, rounding decides whether a pixel is saturated
+
+
+class MaskArrays(NamedTuple):
+    """An observation Z as pieces of one value, as compiled sums take it."""
+
+    valid: Array[H, D2]
+    """int32: per row the half-open column span that counts."""
+    begins: Ints[L]
+    """(H + 1,): the pieces of row v, in each of which Z has one value, are begins[v] to begins[v + 1]."""
+    ends: Ints[K]
+    """the column where each piece ends, and the next begins."""
+    values: Floats[K]
+    """Z; above 0 where nobody knows, which counts for nothing."""
+    edges: Bytes[H, M]
+    """(H, W // 8 + 1): a bit for each pixel at which a piece begins, but the first of a row."""
+    powers: Floats[N, D8]
+    """(2W + 1, 8): sums of x⁰ … x⁴, see `power_sums`."""
+    heights: Floats[X, D24]
+    """(2H + 1, 24): the powers of y that go with each sum, see `height_powers`."""
 
 
 class CameraField(NamedTuple):
