@@ -87,7 +87,11 @@ class _Cache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep code, and remove what was written long ago from its folder: of versions that are gone. Others compile again."""
-        super().save_overload(sig, data)
+        try:
+            super().save_overload(sig, data)
+        except (AttributeError, ImportError):
+            self.flush()  # of another version, which came while this one compiled
+            super().save_overload(sig, data)
         for file in Path(self._cache_path).glob("*.nb[ci]"):
             with suppress(OSError):
                 if file.stat().st_mtime < time.time() - _KEPT_S:
