@@ -15,10 +15,10 @@ from .observation.observation import Keypoints as Keypoints
 from .observation.observation import Observation as Observation
 from .observation.observation import Silhouette as Silhouette
 from .session.bundled import bundled_session as bundled_session
-from .session.formats.tables import read_npz as read_npz
-from .session.formats.tables import write_npz as write_npz
 from .session.run import TrackingRun as TrackingRun
 from .session.session import Session as Session
+from .session.tables import read_npz as read_npz
+from .session.tables import write_npz as write_npz
 from .session.track_session import TrackingRequest as TrackingRequest
 from .session.track_session import request_for as request_for
 from .session.track_session import track_session as track_session

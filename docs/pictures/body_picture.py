@@ -15,8 +15,8 @@ from handtrack.arrays import D3, Bytes, Floats, H, P, W
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
+from handtrack.model.part_mesh import PartMesh, ellipsoid_mesh
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surfaces.part_mesh import PartMesh, ellipsoid_mesh
 
 _SIZE = (190, 350)  # pixels of one picture
 _PIXELS_PER_M = 148.0

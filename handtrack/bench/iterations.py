@@ -20,10 +20,9 @@ from handtrack.bench.measuring import (
 )
 from handtrack.compiled import compiled_as_numpy
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.metaballs import MetaballSurface, sample_surface
+from handtrack.model.metaballs_kernels import ellipsoid_distance, ellipsoid_gradient
 from handtrack.model.model_file import load_model
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.metaballs_kernels import ellipsoid_distance, ellipsoid_gradient
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Silhouette
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig

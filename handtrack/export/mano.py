@@ -36,8 +36,8 @@ from handtrack.files.npz_files import read_arrays
 from handtrack.files.text_files import check_file, first_bytes
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.session.formats.tables import write_arrays
+from handtrack.model.metaballs import MetaballSurface
+from handtrack.session.tables import write_arrays
 
 JOINTS = 16
 _FINGERS = ("index", "middle", "little", "ring", "thumb")  # in MANO's order of joints

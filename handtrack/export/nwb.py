@@ -14,7 +14,7 @@ import numpy as np
 from handtrack.export.shown import joint_links
 from handtrack.export.table import ArchiveMetadata, ResultsTable
 from handtrack.files.atomic import replacing
-from handtrack.session.formats.tables import AXES
+from handtrack.session.tables import AXES
 from handtrack.tracking.frame.result import is_length, joint_confidence
 
 

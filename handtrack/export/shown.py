@@ -22,9 +22,8 @@ from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import SHARPNESS_PER_M
-from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
-from handtrack.model.surfaces.surface_mesh import model_mesh, relaxed_mesh
+from handtrack.model.metaballs import SHARPNESS_PER_M, model_mesh, relaxed_mesh
+from handtrack.model.part_mesh import PartMesh, vertex_normals
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import Status
 

@@ -18,7 +18,7 @@ from handtrack.files.toml_table import one_of, read_table, read_toml
 from handtrack.geometry.camera import CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
-from handtrack.session.formats.tables import read_npz
+from handtrack.session.tables import read_npz
 from handtrack.tracking.frame.result import COLUMNS, Status, TrackResult, frame_rate, model_of
 
 

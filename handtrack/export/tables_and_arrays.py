@@ -19,7 +19,7 @@ from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import check_folder_of, keep_version, replace_text, replacing
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.model.articulated import keypoint_names
-from handtrack.session.formats.tables import AXES, anatomy_arrays, write_arrays, write_npz
+from handtrack.session.tables import AXES, anatomy_arrays, write_arrays, write_npz
 from handtrack.tracking.frame.result import (
     Status,
     TrackResult,

@@ -33,11 +33,9 @@ from handtrack.arrays import (
 from handtrack.errors import HandtrackError
 from handtrack.model import kinematics
 from handtrack.model.ellipsoids import Ellipsoids
-from handtrack.model.kinematics import BonePoses
-from handtrack.model.limits import Limits, MovingLimits, moving_limits
-from handtrack.model.skeleton import Skeleton
-from handtrack.model.surfaces.superquadrics import Superquadrics
-from handtrack.model.transform import ParameterTransform
+from handtrack.model.kinematics import BonePoses, Skeleton
+from handtrack.model.part_mesh import Superquadrics
+from handtrack.model.transform import Limits, MovingLimits, ParameterTransform, moving_limits
 
 FINGERS: tuple[str, ...] = ("thumb", "index", "middle", "ring", "little")
 HAND_PARTS: tuple[str, ...] = (*FINGERS, "forearm")

@@ -32,10 +32,9 @@ from handtrack.model.articulated import (
     ShapeCovariance,
 )
 from handtrack.model.ellipsoids import Ellipsoids
-from handtrack.model.limits import Limits
-from handtrack.model.skeleton import ROOT_PARAMETERS, Skeleton
-from handtrack.model.surfaces.superquadrics import read_superquadrics
-from handtrack.model.transform import build_transform
+from handtrack.model.kinematics import ROOT_PARAMETERS, Skeleton
+from handtrack.model.part_mesh import read_superquadrics
+from handtrack.model.transform import Limits, build_transform
 
 Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Point = tuple[Number, Number, Number]

@@ -11,8 +11,8 @@ import numpy as np
 from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q, S, contiguous
 from handtrack.errors import index_of
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.limits import MovingLimits
-from handtrack.model.skeleton import KinematicTree
+from handtrack.model.kinematics import KinematicTree
+from handtrack.model.transform import MovingLimits
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.priors import LinearPrior

@@ -29,8 +29,7 @@ from handtrack.files.atomic import replace_text
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import write_scale
 from handtrack.observation.observation import Observation
-from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
-from handtrack.session.formats.tables import write_result
+from handtrack.session.first_pose import FirstPose, write_first_pose
 from handtrack.session.layout import (
     CALIBRATION_FILE,
     HAND_FILE,
@@ -50,6 +49,7 @@ from handtrack.session.session_file import (
 )
 from handtrack.session.sources.camera_times import COLUMNS, CameraTimes, FrameTimes
 from handtrack.session.sources.views import View
+from handtrack.session.tables import write_result
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 

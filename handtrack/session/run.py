@@ -34,7 +34,7 @@ from handtrack.model.size import (
 )
 from handtrack.observation.observation import Keypoints, Observation, check_kind
 from handtrack.parallel import in_parallel, thread_count
-from handtrack.session.first_pose.first_pose import FirstPose, poses_from_images
+from handtrack.session.first_pose import FirstPose, poses_from_images
 from handtrack.session.session import Session
 from handtrack.session.session_file import BODY_TRACKING, CloudSettings
 from handtrack.session.sources.clouds import hand_region

@@ -25,8 +25,7 @@ from handtrack.observation.agreement import weighed
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.observation.truth import Truth
 from handtrack.parallel import LRUCache
-from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
-from handtrack.session.formats.truth import read_truth
+from handtrack.session.first_pose import FirstPose, read_first_pose
 from handtrack.session.layout import (
     CALIBRATION_FILE,
     INIT_FILE,
@@ -47,7 +46,7 @@ from handtrack.session.session_file import (
 from handtrack.session.session_state import CameraCorrection, readable
 from handtrack.session.sources.camera_times import CameraTimes, FrameTimes, session_times
 from handtrack.session.sources.clouds import CloudSource, cloud_source
-from handtrack.session.sources.session_pins import SessionPins
+from handtrack.session.sources.corrections import SessionPins
 from handtrack.session.sources.views import (
     LEAST_KEPT,
     Kept,
@@ -60,6 +59,7 @@ from handtrack.session.sources.views import (
     scaled_camera,
     whole,
 )
+from handtrack.session.truth import read_truth
 from handtrack.store.store import Store
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings

@@ -20,7 +20,6 @@ from handtrack.arrays import Floats, P
 from handtrack.capture.calibration.rig_file import rig_json
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import keep_version, remove_abandoned, replacing
-from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.session.layout import (
     CALIBRATION_FILE,
     POSES_FILE,
@@ -31,6 +30,7 @@ from handtrack.session.layout import (
 )
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.session.tables import read_npz, write_npz
 from handtrack.store.history import Span
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import TakeAbout, TakeWriter

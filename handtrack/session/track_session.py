@@ -17,8 +17,11 @@ from handtrack.arrays import Floats, P, S, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
-from handtrack.session.doctor.check_hand import odd_side
-from handtrack.session.doctor.check_tracked import inconsistency_of_cameras, wrong_side_warning
+from handtrack.session.doctor.check_hand import (
+    inconsistency_of_cameras,
+    odd_side,
+    wrong_side_warning,
+)
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import SessionState, readable

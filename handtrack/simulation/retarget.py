@@ -18,8 +18,6 @@ from handtrack.model.model_file import load_model, write_scale
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.observation.truth import Truth
 from handtrack.session import layout
-from handtrack.session.formats.tables import write_npz
-from handtrack.session.formats.truth import write_truth
 from handtrack.session.session_file import (
     BODY_TRACKING,
     CameraSettings,
@@ -28,6 +26,8 @@ from handtrack.session.session_file import (
     SessionFile,
     write_session_file,
 )
+from handtrack.session.tables import write_npz
+from handtrack.session.truth import write_truth
 from handtrack.simulation.motion_files.clip import MotionClip
 from handtrack.simulation.motion_files.read_motion import turned_upright, upright_axis
 from handtrack.simulation.simulate import (

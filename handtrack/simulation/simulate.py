@@ -25,8 +25,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, write_scale
 from handtrack.observation.truth import Truth
 from handtrack.session import layout
-from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
-from handtrack.session.formats.truth import write_truth
+from handtrack.session.first_pose import FirstPose, write_first_pose
 from handtrack.session.session_file import (
     BODY_TRACKING,
     CameraSettings,
@@ -36,6 +35,7 @@ from handtrack.session.session_file import (
     SessionFile,
     write_session_file,
 )
+from handtrack.session.truth import write_truth
 from handtrack.simulation.motion import motion
 from handtrack.simulation.render import pixel_rays, render, shade
 

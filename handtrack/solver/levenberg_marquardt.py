@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Floats, P
-from handtrack.model.limits import MovingLimits
+from handtrack.model.transform import MovingLimits
 from handtrack.parallel import one_blas_thread
 from handtrack.solver.limited_step_kernels import bounded_step, clipped, stepped
 from handtrack.solver.problem import Problem

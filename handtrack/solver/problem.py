@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import D2, Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.limits import MovingLimits
+from handtrack.model.transform import MovingLimits
 from handtrack.terms.bone_kernels import to_solver
 from handtrack.terms.term import COST_ALONE, JointSystem, ObservationTerm, ParameterTerm, Sums
 

@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 
 from handtrack.compiled import compiled_as_numpy
-from handtrack.model.surfaces.metaballs_kernels import AXES, CENTRE, LEAST, STRETCH, TINY
+from handtrack.model.metaballs_kernels import AXES, CENTRE, LEAST, STRETCH, TINY
 from handtrack.terms.bone_kernels import add_outer, fill_arm
 from handtrack.terms.lanes_kernels import DOUBLE, DOUBLES, LANES, ZEROS, Eight, exp, log, written
 from handtrack.terms.loss import robust

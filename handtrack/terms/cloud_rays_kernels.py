@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.compiled import compiled_as_numpy
-from handtrack.model.surfaces.metaballs_kernels import REACH, TINY, in_unit_ball
+from handtrack.model.metaballs_kernels import REACH, TINY, in_unit_ball
 from handtrack.terms.bone_kernels import add_outer, fill_arm
 from handtrack.terms.loss import robust
 

@@ -26,7 +26,7 @@ from handtrack.arrays import (
 )
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.metaballs import MetaballSurface
 from handtrack.observation.observation import CloudView, view_centres
 from handtrack.terms.cloud_kernels import BLOCK, aligned, arrange, cloud_sums
 from handtrack.terms.cloud_rays_kernels import rays_sums

@@ -12,7 +12,7 @@ from handtrack.arrays import D2, D3, Array, Floats, H, Ints, K, N, W, array_data
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.part_mesh import PartMesh
+from handtrack.model.part_mesh import PartMesh
 from handtrack.terms.image_kernels import (
     edges_sums,
     fill_triangles,

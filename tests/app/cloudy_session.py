@@ -10,8 +10,7 @@ from handtrack import CameraRig, PointCloud, load_model
 from handtrack.arrays import Floats
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.clouds.cloud_files import write_cloud
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
+from handtrack.model.metaballs import MetaballSurface, sample_surface
 from tests.cameras import FACING, pinhole
 
 HAND, WALL = 1500, 400

@@ -19,8 +19,7 @@ from handtrack import (
     TrackingRun,
     load_model,
 )
-from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.formats.truth import Truth
+from handtrack.session.first_pose import FirstPose
 from handtrack.session.session_file import (
     CameraSettings,
     HandSettings,
@@ -28,6 +27,7 @@ from handtrack.session.session_file import (
     SessionFile,
 )
 from handtrack.session.sources.views import View
+from handtrack.session.truth import Truth
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.whole.refinement import CameraError, Refinement

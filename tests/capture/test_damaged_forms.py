@@ -17,7 +17,7 @@ from handtrack.capture.calibration.formats.read_calibration import (
 from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.read_joints import read_joints
-from handtrack.session.formats.truth import import_truth
+from handtrack.session.truth import import_truth
 from tests.capture.sample_files import filmed, forms, sample
 from tests.conftest import refused
 

@@ -12,7 +12,7 @@ from handtrack.diagnostics.metrics import BENT_JOINTS, flexion_deg, flexion_erro
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import scale_table
-from handtrack.session.formats.truth import Truth
+from handtrack.session.truth import Truth
 from tests.export.sequences import sample_sequence
 from tests.sample_track import sample_frame, sample_track, stacked
 

@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from handtrack import Camera
 from handtrack.arrays import Array, Floats
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
+from handtrack.model.part_mesh import PartMesh, vertex_normals
 from handtrack.simulation.simulate import simulated_rig
 from tests.experiments.honesty import motions
 from tests.experiments.honesty.meshes import HandMesh

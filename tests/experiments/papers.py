@@ -20,8 +20,8 @@ from handtrack import (
 )
 from handtrack.arrays import D3, Array, Floats, H, P, W
 from handtrack.bench.measuring import data_folder, recording
+from handtrack.model.metaballs import model_mesh
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.observation.observation import ImageView
 from handtrack.session.layout import TRUTH_FILE
 from handtrack.simulation.motion import motion

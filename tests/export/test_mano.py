@@ -13,7 +13,7 @@ from handtrack.export.mano import ManoModel, fit_mano
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
-from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
+from handtrack.session.first_pose import FirstPose, read_first_pose, write_first_pose
 from tests.conftest import refused
 from tests.export.sequences import sample_model, sample_sequence
 

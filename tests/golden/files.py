@@ -12,7 +12,7 @@ from pathlib import Path
 
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
-from handtrack.session.formats.tables import write_npz
+from handtrack.session.tables import write_npz
 from tests.golden import recording
 from tests.sample_track import hand_track
 

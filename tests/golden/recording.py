@@ -13,8 +13,7 @@ from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import write_scale
 from handtrack.observation.pins import Pin
 from handtrack.session import layout
-from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
-from handtrack.session.formats.tables import write_npz
+from handtrack.session.first_pose import FirstPose, write_first_pose
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
     CameraSettings,
@@ -25,7 +24,8 @@ from handtrack.session.session_file import (
     SessionFile,
     write_session_file,
 )
-from handtrack.session.sources.session_pins import SessionPins
+from handtrack.session.sources.corrections import SessionPins
+from handtrack.session.tables import write_npz
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.store.store import Span, WritableStore
 from handtrack.store.take import TakeAbout

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from handtrack import Session
 from handtrack.files.toml_edit import edit_toml
-from handtrack.session.formats.tables import write_npz
 from handtrack.session.run import TrackingRun
+from handtrack.session.tables import write_npz
 from handtrack.session.track_session import track_session
 from handtrack.simulation.simulate import Simulation, simulate
 

@@ -10,8 +10,7 @@ from numpy.testing import assert_allclose
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.model.model_file import read_scale
 from handtrack.session import layout
-from handtrack.session.first_pose.first_pose import read_first_pose
-from handtrack.session.formats.tables import read_npz
+from handtrack.session.first_pose import read_first_pose
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
     CameraSettings,
@@ -19,6 +18,7 @@ from handtrack.session.session_file import (
     RecordingSettings,
     read_session_file,
 )
+from handtrack.session.tables import read_npz
 from handtrack.store.store import Store
 from handtrack_app.commands.batch import read_ledger
 from tests.golden import recording

@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handtrack.model.kinematics import BonePoses
-from handtrack.model.skeleton import Skeleton
+from handtrack.model.kinematics import BonePoses, Skeleton
 
 
 def bone_poses(skeleton: Skeleton, params: np.ndarray) -> BonePoses:

@@ -5,7 +5,7 @@ import numpy as np
 from handtrack.arrays import Floats, Ints
 from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.metaballs import MetaballSurface
 from handtrack.terms.loss import Loss
 from handtrack.terms.term import motion_row
 

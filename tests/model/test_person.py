@@ -10,6 +10,7 @@ from handtrack import HandScale, HandtrackError, load_model
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ShapeCovariance
 from handtrack.model.ellipsoids import Ellipsoids
+from handtrack.model.metaballs import MetaballSurface
 from handtrack.model.model_file import read_scale, scale_from, scale_table, write_scale
 from handtrack.model.size import (
     SizeParameters,
@@ -18,7 +19,6 @@ from handtrack.model.size import (
     shape_numbers,
     with_number,
 )
-from handtrack.model.surfaces.metaballs import MetaballSurface
 from tests.derivatives import check_gradient, check_jacobian
 
 FITTED = HandScale(

@@ -6,14 +6,15 @@ import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import load_model
-from handtrack.model.surfaces.metaballs import (
+from handtrack.model.metaballs import (
     FORMS,
     SHARPNESS_PER_M,
     MetaballSurface,
+    marching_cubes,
+    relaxed_mesh,
+    surface_mesh,
 )
-from handtrack.model.surfaces.part_mesh import ellipsoid_mesh, vertex_normals
-from handtrack.model.surfaces.superquadrics import Superquadrics
-from handtrack.model.surfaces.surface_mesh import marching_cubes, relaxed_mesh, surface_mesh
+from handtrack.model.part_mesh import Superquadrics, ellipsoid_mesh, vertex_normals
 from tests.model.metaballs_reference import merged
 from tests.terms.silhouette_scene import ellipsoids_of, parts_at
 

@@ -9,7 +9,6 @@ from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.joints.given_joints import write_joints
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.session.formats.truth import Truth, write_truth
 from handtrack.session.session_file import (
     CameraSettings,
     HandSettings,
@@ -17,6 +16,7 @@ from handtrack.session.session_file import (
     SessionFile,
     write_session_file,
 )
+from handtrack.session.truth import Truth, write_truth
 from handtrack.simulation.motion import motion as named_motion
 from handtrack.simulation.simulate import points_of
 from tests.cameras import FACING, pinhole

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from handtrack import HandScale, Session, TrackingRun
-from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.first_pose_search import (
+from handtrack.session.first_pose import FirstPose
+from handtrack.session.first_pose_search import (
     SURE,
     find_first_poses,
 )

@@ -12,11 +12,11 @@ from handtrack.arrays import Floats
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.session.doctor import check_hand
 from handtrack.session.doctor.check_agreement import check_joints, check_outlines
-from handtrack.session.doctor.check_tracked import check_tracked_cameras, inconsistency_of_cameras
+from handtrack.session.doctor.check_hand import check_tracked_cameras, inconsistency_of_cameras
 from handtrack.session.doctor.examine import examine, examine_start
-from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.session_file import HandSettings
+from handtrack.session.tables import write_result
 from handtrack.simulation.simulate import Simulation, simulate, simulated_rig
 from tests.cameras import turned
 from tests.session.small_session import (

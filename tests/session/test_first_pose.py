@@ -8,10 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandScale, Session, TrackerSettings, TrackingRun
 from handtrack.detector.hand_detector import DetectedHand
-from handtrack.session import detection
-from handtrack.session.first_pose import first_pose_search
-from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
-from handtrack.session.first_pose.first_pose_search import find_first_poses
+from handtrack.session import detection, first_pose_search
+from handtrack.session.first_pose import FirstPose, read_first_pose, write_first_pose
+from handtrack.session.first_pose_search import find_first_poses
 from handtrack.session.run import poses_of_image_joints
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.frame.result import Status
@@ -116,9 +115,7 @@ def test_a_hand_is_found_where_the_detector_sees_it(session, monkeypatch):
     frame = 60  # half closed; searching silhouettes for it takes a minute
     monkeypatch.setattr(detection, "usable_detector", lambda _: SeesTheTruth(session, frame))
     run = TrackingRun.open(session, use_init=False)
-    monkeypatch.setattr(
-        "handtrack.session.first_pose.first_pose_search.auto_start", None
-    )  # not asked
+    monkeypatch.setattr("handtrack.session.first_pose_search.auto_start", None)  # not asked
     (best,) = find_first_poses(run, frame)
     assert error_mm(best, points(session, frame)) < 8.0
 

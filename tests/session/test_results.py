@@ -104,7 +104,7 @@ exec(compile(source.replace(end, added + end), found.origin, "exec"), module.__d
 from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable, turn_between, upright
 from handtrack.export.tables_and_arrays import write_wide
-from handtrack.session.formats.tables import read_npz, write_npz
+from handtrack.session.tables import read_npz, write_npz
 from handtrack.store.log import Record
 from handtrack.store.take import read_result, result_content
 from tests.sample_track import hand_track

@@ -7,7 +7,7 @@ import pytest
 
 from handtrack import CameraRig, Session
 from handtrack.observation.pins import Pin
-from handtrack.session.sources.session_pins import SessionPins
+from handtrack.session.sources.corrections import SessionPins
 from tests.cameras import pinhole
 from tests.conftest import refused
 from tests.session.small_session import make_session

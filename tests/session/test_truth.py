@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from handtrack import HandtrackError
 from handtrack.arrays import D3, D21, F, Floats
 from handtrack.capture.joints.given_joints import JOINTS
-from handtrack.session.formats.truth import import_truth, read_truth
-from handtrack.session.formats.truth import write_truth as write_given
+from handtrack.session.truth import import_truth, read_truth
+from handtrack.session.truth import write_truth as write_given
 from tests.capture.sample_files import forms, sample
 from tests.conftest import refused
 from tests.session.small_session import keypoints, write_truth

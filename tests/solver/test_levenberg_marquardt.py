@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import lsq_linear
 
-from handtrack.model.limits import MovingLimits
+from handtrack.model.transform import MovingLimits
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.terms.term import JointSystem
 

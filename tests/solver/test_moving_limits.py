@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import LinearConstraint, minimize
 
 from handtrack import load_model
-from handtrack.model.limits import MovingLimits
+from handtrack.model.transform import MovingLimits
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.limited_step_kernels import bounded_step, clip, fill_box, new_box
 from handtrack.solver.problem import Problem

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from handtrack import Camera
-from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
+from handtrack.model.part_mesh import ellipsoid_mesh
 from handtrack.terms.images import (
     Texture,
     depth_picture,

@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 
 from handtrack import Camera, load_model
 from handtrack.geometry.camera import camera_matrix
-from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
+from handtrack.model.metaballs import FORMS, MetaballSurface, sample_surface, surface_mesh
 from handtrack.terms.clouds import (
     CloudDistanceTerm,
     CloudEmptinessTerm,

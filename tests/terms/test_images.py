@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack.diagnostics.residuals import image_residuals
 from handtrack.geometry.quadric import dual_conic, ellipse, shape_matrix
-from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
+from handtrack.model.part_mesh import ellipsoid_mesh
 from handtrack.simulation.render import render
 from handtrack.terms.images import (
     CarriedTextureTerm,

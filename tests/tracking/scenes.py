@@ -5,9 +5,8 @@ from scipy.stats import chi2
 
 from handtrack import ImageKeypoints
 from handtrack.model.articulated import keypoint_names
+from handtrack.model.metaballs import MetaballSurface, sample_surface
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.terms.clouds import visible_from
 from handtrack.tracking.frame.control import Control, Observer
 from handtrack.tracking.sequence import track_frames

@@ -7,7 +7,7 @@ import pytest
 
 from handtrack import Session, Status, TrackingRun, bundled_session, evaluate
 from handtrack.model.size import hand_length_mm
-from handtrack.session.formats.truth import Truth
+from handtrack.session.truth import Truth
 from tests.app.command_line import small_recording
 from tests.benchmarks.desk_two_view import compare
 from tests.session.small_session import edit

@@ -3,7 +3,7 @@
 import numpy as np
 
 from handtrack import Observation, Status, Tracker, TrackerSettings, load_model
-from handtrack.model.surfaces.surface_mesh import model_mesh
+from handtrack.model.metaballs import model_mesh
 from handtrack.observation.observation import ImageView
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig

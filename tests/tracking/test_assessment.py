@@ -20,7 +20,7 @@ from handtrack import (
     load_model,
 )
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.metaballs import MetaballSurface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.confidence import (

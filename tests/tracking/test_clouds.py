@@ -15,9 +15,8 @@ from handtrack import (
     TrackerState,
     load_model,
 )
+from handtrack.model.metaballs import MetaballSurface, surface_mesh
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM
 from handtrack.tracking.frame.terms.cloud_terms import see_cloud
 from handtrack.tracking.search.keypoint_start import carried_over

@@ -15,8 +15,7 @@ from handtrack import (
     TrackerState,
     load_model,
 )
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import relaxed_mesh
+from handtrack.model.metaballs import MetaballSurface, relaxed_mesh
 from handtrack.sampling.diffusion import long_tailed
 from handtrack.terms.priors import CorrelatedPrior
 from handtrack.tracking.frame.control import Control

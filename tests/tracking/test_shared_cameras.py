@@ -20,7 +20,7 @@ from handtrack import (
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.ellipsoids import model_mask
-from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.metaballs import MetaballSurface
 from handtrack.terms.clouds import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
 from handtrack.tracking.frame.control import Control

@@ -22,10 +22,10 @@ from handtrack.model.model_file import load_model, read_definition
 from handtrack.session.doctor.check_agreement import joint_lines
 from handtrack.session.doctor.check_views import SEVERITIES, Finding
 from handtrack.session.doctor.examine import examine
-from handtrack.session.formats.tables import read_npz
-from handtrack.session.formats.truth import import_truth
 from handtrack.session.session import Session
 from handtrack.session.sources.video_audits import keep_audits
+from handtrack.session.tables import read_npz
+from handtrack.session.truth import import_truth
 from handtrack_app.commands.output import Answer, output_file, print_status
 
 _SIZES_M = (0.02, 3.0)

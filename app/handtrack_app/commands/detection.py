@@ -33,11 +33,11 @@ from handtrack.session.detection import (
     other_joints,
 )
 from handtrack.session.doctor.check_views import check_synchrony
-from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import KEYPOINTS_FOLDER, MASKS_FOLDER, POSES_FILE, SESSION_FILE
 from handtrack.session.refined_masks import MaskRefinement
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
+from handtrack.session.tables import read_npz
 from handtrack_app.commands.output import (
     Answer,
     note,

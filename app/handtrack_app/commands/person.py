@@ -14,11 +14,11 @@ from handtrack.files.toml_edit import edit_toml
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import scale_table, write_scale
 from handtrack.model.size import FOREARM_END, shape_numbers, without_forearm_end
-from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.sources.skin_samples import painted_skin, segmented_skin
+from handtrack.session.tables import read_npz
 from handtrack.tracking.frame.confidence import hand_words
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import model_of

@@ -14,8 +14,8 @@ from handtrack.arrays import F, Floats, P
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model, read_scale
-from handtrack.session.formats.tables import write_npz
 from handtrack.session.layout import POSES_FILE
+from handtrack.session.tables import write_npz
 from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.motion_files.clip import MotionClip
 from handtrack.simulation.motion_files.read_motion import (

@@ -22,18 +22,18 @@ from handtrack.errors import HandtrackError, listed_names
 from handtrack.model.model_file import load_model
 from handtrack.session.doctor.check_hand import odd_side
 from handtrack.session.doctor.examine import examine_start
-from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
-from handtrack.session.first_pose.first_pose_search import (
+from handtrack.session.first_pose import FirstPose, read_first_pose
+from handtrack.session.first_pose_search import (
     SURE,
     confirmed_by_tracking,
     find_first_poses,
     no_pose_error,
 )
-from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE, SESSION_FILE
 from handtrack.session.run import TrackingRun, poses_of_image_joints
 from handtrack.session.session import Session, frames_words
 from handtrack.session.sources.video_audits import count_beside
+from handtrack.session.tables import write_result
 from handtrack.session.takes import TakeRecorder
 from handtrack.session.track_session import (
     Ended,

@@ -17,8 +17,7 @@ from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
 from handtrack.capture.clouds.stereo import StereoMatcher
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import surface_mesh
+from handtrack.model.metaballs import MetaballSurface, surface_mesh
 from handtrack.session.session_file import CloudSettings
 from handtrack.session.session_state import decide
 from handtrack.session.sources.clouds import hand_region

@@ -22,7 +22,7 @@ from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.pins import Pin
 from handtrack.observation.truth import mean_error_mm
-from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings, SessionFile, read_clouds
@@ -38,7 +38,7 @@ from handtrack.session.session_state import (
     StartPose,
     decide,
 )
-from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
+from handtrack.session.sources.corrections import CorrectedMasks, decoded
 from handtrack.session.sources.views import MaskChoice, View
 from handtrack.session.takes import REFINED, files_read
 from handtrack.store.history import Span

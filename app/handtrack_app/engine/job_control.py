@@ -14,8 +14,8 @@ from handtrack.arrays import Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.session.doctor.check_hand import odd_side
-from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.first_pose_search import find_first_poses
+from handtrack.session.first_pose import FirstPose
+from handtrack.session.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import (
     NOTHING,

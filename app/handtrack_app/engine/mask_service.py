@@ -21,7 +21,7 @@ from handtrack.capture.masks.mask_correction import (
 from handtrack.capture.masks.segmentation import METHODS, read_mask_method
 from handtrack.errors import HandtrackError
 from handtrack.session.session_state import Correction, Edit, MaskSource, decide
-from handtrack.session.sources.corrected_masks import encoded
+from handtrack.session.sources.corrections import encoded
 from handtrack.session.sources.views import View
 from handtrack_app.engine import edits
 from handtrack_app.engine.document import mask_source, usual_values

@@ -8,7 +8,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 
 from handtrack.errors import HandtrackError
-from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
+from handtrack.session.doctor.check_hand import inconsistency_of_cameras
 from handtrack.session.session_state import Edit
 from handtrack.store.history import Action
 from handtrack.tracking.frame.result import FrameResult

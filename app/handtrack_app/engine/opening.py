@@ -13,7 +13,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import Keypoints
-from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.first_pose import FirstPose
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session

@@ -27,8 +27,7 @@ from handtrack.files.toml_edit import edit_toml
 from handtrack.files.toml_table import read_toml
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import write_scale
-from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
-from handtrack.session.formats.tables import read_npz, write_npz
+from handtrack.session.first_pose import FirstPose, write_first_pose
 from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.session_state import (
     Correction,
@@ -44,6 +43,7 @@ from handtrack.session.session_state import (
     readable,
     written,
 )
+from handtrack.session.tables import read_npz, write_npz
 from handtrack.session.takes import (
     file_digest,
     foreign_takes,

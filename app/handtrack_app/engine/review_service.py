@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.diagnostics.metrics import BENT_JOINTS
 from handtrack.errors import HandtrackError
-from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
+from handtrack.session.doctor.check_hand import inconsistency_of_cameras
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import decide
 from handtrack.tracking.frame.result import FrameResult

@@ -6,8 +6,14 @@ from collections.abc import Iterator
 
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_agreement import check_joints, check_outlines
-from handtrack.session.doctor.check_hand import check_init, check_model, check_side, check_truth
-from handtrack.session.doctor.check_tracked import check_tracked_cameras, check_tracked_from
+from handtrack.session.doctor.check_hand import (
+    check_init,
+    check_model,
+    check_side,
+    check_tracked_cameras,
+    check_tracked_from,
+    check_truth,
+)
 from handtrack.session.doctor.check_views import (
     Finding,
     check_cameras,

@@ -20,7 +20,7 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.metaballs import MetaballSurface
 from handtrack.observation.observation import CloudView, view_centres
 from handtrack.parallel import in_parallel
 from handtrack.session.session_file import SessionFile

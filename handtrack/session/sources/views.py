@@ -66,7 +66,7 @@ from handtrack.session.layout import (
 )
 from handtrack.session.session_file import CameraSettings, missing_counterpart
 from handtrack.session.sources.camera_times import CameraTimes
-from handtrack.session.sources.corrected_masks import CorrectedMasks
+from handtrack.session.sources.corrections import CorrectedMasks
 from handtrack.session.sources.keypoint_files import KeypointFiles
 from handtrack.session.sources.video_audits import read_audit
 from handtrack.tracking.frame.constants import BODY_BY_HAND, FRAMES_AHEAD

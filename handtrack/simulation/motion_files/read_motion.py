@@ -17,7 +17,7 @@ from handtrack.errors import HandtrackError, check_name
 from handtrack.files.text_files import LIKELY_UNITS_M, check_file, first_bytes
 from handtrack.files.toml_table import read_toml
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.session.formats.truth import read_markers
+from handtrack.session.truth import read_markers
 from handtrack.simulation.motion_files.clip import FPS, LARGEST, MotionClip, read_asf_amc, read_bvh
 
 ACCEPTED = "BVH, AMC with its ASF, TRC, C3D, or a CSV with the columns frame and <joint>_x, _y, _z"

@@ -34,10 +34,9 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.geometry.triangulation import triangulated
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.metaballs import MetaballSurface, surface_mesh
+from handtrack.model.part_mesh import PartMesh
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.part_mesh import PartMesh
-from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.observation.observation import UNKNOWN, CloudView, Silhouette, view_centres
 from handtrack.sampling.suppression import apart
 from handtrack.terms.clouds import (

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from handtrack import Session, Status, evaluate, read_npz
 from handtrack.session import track_session
-from handtrack.session.first_pose.first_pose_search import find_first_poses
+from handtrack.session.first_pose_search import find_first_poses
 from handtrack_app.commands import track
 from handtrack_app.commands.track import percent
 

@@ -12,7 +12,7 @@ import pytest
 from handtrack import HandtrackError, Session, bundled_session
 from handtrack.detector import weights
 from handtrack.detector.hand_detector import HandDetector
-from handtrack.session.formats.truth import read_truth
+from handtrack.session.truth import read_truth
 from handtrack_app.commands import detection, track
 from tests.app.command_line import refused
 from tests.capture.calibration_forms.hostile import HOSTILE

@@ -6,7 +6,7 @@ import pytest
 
 from handtrack import Session
 from handtrack.capture.masks.mask_correction import AS_IT_IS
-from handtrack.session.sources.corrected_masks import encoded
+from handtrack.session.sources.corrections import encoded
 from handtrack_app.engine import opening
 from handtrack_app.engine.cloud_service import skin_in_force
 from tests.app.cloudy_session import BOX, SKIN, cloudy_session

@@ -8,7 +8,7 @@ from handtrack import Session
 from handtrack.capture.masks.mask_correction import HAND, empty_layer, painted
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.files.atomic import versions
-from handtrack.session.sources.corrected_masks import encoded
+from handtrack.session.sources.corrections import encoded
 from handtrack_app import protocol
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
 from tests.app.desk import working

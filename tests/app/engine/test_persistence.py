@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack.observation.pins import Pin
 from handtrack.session.session_state import Correction, decide
-from handtrack.session.sources.corrected_masks import encoded
+from handtrack.session.sources.corrections import encoded
 from handtrack.store.log import LogWriter
 from handtrack.store.store import Span
 from handtrack_app import protocol

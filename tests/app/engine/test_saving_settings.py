@@ -9,7 +9,7 @@ from handtrack.capture.clouds.cloud_filters import SkinEllipse
 from handtrack.files import toml_edit
 from handtrack.files.atomic import versions
 from handtrack.model.model_file import read_scale
-from handtrack.session.first_pose.first_pose import read_first_pose
+from handtrack.session.first_pose import read_first_pose
 from handtrack.session.session_file import read_session_file
 from handtrack.session.session_state import decide
 from handtrack_app.engine import edits

@@ -26,7 +26,7 @@ from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.diagnostics.metrics import bone_frames
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.session import layout
-from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
+from handtrack.session.first_pose import FirstPose, write_first_pose
 from handtrack.session.session_file import (
     CameraSettings,
     HandSettings,

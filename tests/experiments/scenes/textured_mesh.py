@@ -11,7 +11,7 @@ import numpy as np
 from handtrack import Camera
 from handtrack.arrays import D3, Array, B, Floats, H, Ints, K, N, W
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.part_mesh import PartMesh
+from handtrack.model.part_mesh import PartMesh
 from handtrack.terms.images import DepthPicture, depth_picture, texture_points
 
 Paint = Callable[[Ints[N], Floats[N, D3]], Floats[N, D3]]

@@ -30,8 +30,8 @@ from handtrack.capture.calibration.formats.read_calibration import named, read_c
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.geometry.triangulation import triangulated
 from handtrack.model.model_file import write_scale
-from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.first_pose_search import find_first_poses
+from handtrack.session.first_pose import FirstPose
+from handtrack.session.first_pose_search import find_first_poses
 from handtrack.session.track_session import Refining
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.whole.refinement import Refinement

@@ -12,7 +12,7 @@ import numpy as np
 
 from handtrack import Session, TrackingRun
 from handtrack.bench.measuring import recording
-from handtrack.session.first_pose.first_pose_search import find_first_poses
+from handtrack.session.first_pose_search import find_first_poses
 from tests.experiments.tracked_frames import mean_mm
 
 FRAMES: dict[str, Sequence[int]] = {

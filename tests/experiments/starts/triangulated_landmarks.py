@@ -27,8 +27,8 @@ from handtrack.files.toml_edit import edit_toml
 from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.detection import JointDetection, camera_changes, keypoint_settings
-from handtrack.session.formats.truth import Truth
 from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
+from handtrack.session.truth import Truth
 from tests.experiments.silhouettes.four_cameras import tracked_alone
 
 RECORDING = "marked_real_5cam"

@@ -17,7 +17,6 @@ from handtrack.files.toml_table import read_table
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import load_model
 from handtrack.session.bundled import TWO_VIDEOS, sample_names, write_sample
-from handtrack.session.formats.truth import import_truth, write_truth
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, TRUTH_FILE, allow_links
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
@@ -29,6 +28,7 @@ from handtrack.session.session_file import (
     SessionFile,
     write_session_file,
 )
+from handtrack.session.truth import import_truth, write_truth
 from handtrack_app.cli import main
 from handtrack_app.commands.new_session.given import (
     USUAL,

@@ -13,8 +13,8 @@ from handtrack.arrays import Array, Floats, Ints, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.part_mesh import PartMesh
-from handtrack.model.surfaces.surface_mesh import model_mesh
+from handtrack.model.metaballs import model_mesh
+from handtrack.model.part_mesh import PartMesh
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.terms.images import (
     CarriedTextureTerm,

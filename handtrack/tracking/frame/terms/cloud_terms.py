@@ -11,9 +11,8 @@ import numpy as np
 from handtrack.arrays import D3, Array, Floats, Ints, M, N, V, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.part_mesh import PartMesh
-from handtrack.model.surfaces.surface_mesh import relaxed_mesh
+from handtrack.model.metaballs import MetaballSurface, relaxed_mesh
+from handtrack.model.part_mesh import PartMesh
 from handtrack.observation.observation import CloudView, Observation, view_centres
 from handtrack.terms.clouds import (
     CloudDistanceTerm,

@@ -15,7 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.text_files import check_file, first_bytes, metres_in, read_rows, read_text
 from handtrack.observation.truth import Truth
-from handtrack.session.formats.tables import checked_arrays, write_arrays
+from handtrack.session.tables import checked_arrays, write_arrays
 
 _KNOWN: dict[str, tuple[type, tuple[str | int, ...]]] = {
     "keypoints21": (float, ("F", 21, 3)),
