@@ -336,7 +336,7 @@ class Shared:
         """
         once = np.where(TIME, 1.0, np.where(CALIBRATION, frames, posture))
         if self.cameras.joints_alone:
-            once[TIME], once[DIRECTION] = _JOINTS_ALIKE, _JOINTS_ALIKE / _NEW
+            once[TIME], once[DIRECTION] = _JOINTS_ALIKE, _JOINTS_ALIKE * _JOINTS_LAST
         return np.r_[
             np.tile(once[self.cameras.free], len(self.cameras.cameras)),
             np.full(self.person.count, posture),
@@ -371,10 +371,11 @@ _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
 """share of a frame that is new. Of what they share, all frames together tell as much as one: what a model's flesh is off by,
 they share too, and so many pixels would take it for the cameras'. What is known of these weighs as many times as there are frames;
 of the person as many times as frames show one pose, for what flesh is off by differs from pose to pose"""
-_JOINTS_ALIKE = 4.0
-"""joints of one image that tell as much as one of what moves all alike: in nine cameras before two rendered hands a joint errs by 3.7 px
-(rms) on its own, by 1.35 px together with the 20 others, and by 2.7 px to a side that stays, as if the camera were turned by half of what
-it may be. Before these and a third hand, two to four cameras, up to 1.7 frames of a time offset were false without, 0.6 so"""
+_JOINTS_ALIKE, _JOINTS_LAST = 4.0, 13.0
+"""joints of one image that tell as much as one of what moves all alike, and frames in a row: in nine cameras before two rendered hands a
+joint errs by 3.7 px (rms) on its own, by 1.35 px together with the 20 others, of which 0.86 is left in the next frame, and by 2.7 px to a side
+that stays, as if the camera were turned by half of what it may be. Before these hands, by two and three cameras, up to 1.7 frames of a time
+offset were false while cameras might not turn, 0.6 since"""
 _MOTIONS, _MOTION_SWEEPS = 5, 3
 """times that the motion is estimated with the frames' systems as they are, since reading the frames anew takes longer, and in how
 many of the sweeps; then it stands, for poses to settle"""
