@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_hand import inconsistency_of_cameras
+from handtrack.session.session import frames_words
 from handtrack.session.session_state import Edit
 from handtrack.store.history import Action
 from handtrack.tracking.frame.result import FrameResult
@@ -448,8 +449,8 @@ class OpenSession:
         self._notify_warnings()
         if document.first_frame not in document.frames:
             raise HandtrackError(
-                f"The first-frame pose is of frame {document.first_frame}, but the videos have the frames 0 to "
-                f"{len(document.frames) - 1} only. Pose the {document.model.kind} in one of these, and save the first-frame pose anew."
+                f"The first-frame pose is of frame {document.first_frame}, but {frames_words(document.frames)}. "
+                f"Pose the {document.model.kind} in one of these, and save the first-frame pose anew."
             )
 
 
