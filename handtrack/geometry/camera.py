@@ -279,7 +279,7 @@ def _check_matrix(matrix: Floats, who: str) -> None:
     if not np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1], rtol=0, atol=1e-12):
         raise HandtrackError(
             f"{who}: the matrix must read [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; found "
-            f"{matrix.tolist()}. Is it transposed?"
+            f"{matrix.tolist()}. Is it transposed? Then the rotation probably is as well (JARVIS, DANNCE, old MATLAB)."
         )
 
 

@@ -52,7 +52,7 @@ def damaged(data, rng):
 
 
 def settled(paths):
-    given = sized(
+    given, _ = sized(
         named(read_calibration(paths), ["cam0", "cam1"], "it")[0], {"cam0": (640, 480)}, "it"
     )
     return given.rig(unit_of(given).unit_m or 1.0)

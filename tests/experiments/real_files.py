@@ -41,7 +41,7 @@ def outcome(kind: str, paths: list[Path]) -> tuple[str, str]:
             given = with_lens(given, None, "it")
         except HandtrackError as error:
             return "asks", str(error)
-        given, _ = pinholes(sized(given, dict.fromkeys(names, _SIZE), "it"), {})
+        given, _ = pinholes(sized(given, dict.fromkeys(names, _SIZE), "it")[0], {})
         unit = unit_of(given)
         given.rig(1.0)
         return ("read", f"{given.family}: {', '.join(names)}") if unit.sure else ("asks", unit.why)

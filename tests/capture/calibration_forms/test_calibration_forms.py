@@ -16,6 +16,7 @@ from handtrack.capture.calibration.formats.read_calibration import (
     unit_of,
 )
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
+from tests.cameras import FACING
 from tests.capture.sample_files import SAMPLES, forms, rig_of_two, sample
 
 SIZES = {"cam0": (640, 480), "cam1": (640, 480)}
@@ -24,7 +25,8 @@ SIZES = {"cam0": (640, 480), "cam1": (640, 480)}
 def taken_in(paths, folder):
     """Return what `handtrack new` keeps of a calibration: the cameras that a session reads, and their file."""
     given, _ = named(read_calibration(paths), list(SIZES), "it")
-    given = sized(given, SIZES, "it")
+    given, said = sized(given, SIZES, "it")
+    assert bool(said) == folder.name.endswith("height_before_width")
     unit = unit_of(given)
     leaves_open = any(form in str(folder) for form in ("colmap", "nerf", "splatting"))
     assert unit.sure != leaves_open, unit
@@ -133,17 +135,32 @@ def test_usual_names_and_shapes_are_known(turn, shape, tmp_path):
 def test_a_pose_of_null_is_none(tmp_path):
     tables = tables_in(tmp_path)
     tables["cam2"] = {**tables["cam1"], "R": "null", "t": "null"}
+    tables["cam3"] = {**tables["cam1"], "t": [[0.1, 0.2, 0.5]] * 20}  # of the board, in 20 views
     path = tmp_path / "c.json"
     path.write_text(json.dumps(tables))
-    assert read_calibration([path]).unposed == ("cam2",)
+    assert read_calibration([path]).unposed == ("cam2", "cam3")
 
 
 @pytest.mark.parametrize("change", [
     {"K": [[1.0, 0, 0.5], [0, 1.0, 0.5], [0, 0, 1]]}, {"xi": 1.2},
+    {"R": [104.5, 54.4, -32.3]}, {"R": None, "w2c": np.eye(4)[::-1].tolist()},
 ])  # fmt: skip
-def test_lenses_that_are_no_pinhole_in_pixels_are_refused(change, tmp_path):
+def test_what_is_no_pinhole_in_pixels_or_no_pose_is_refused(change, tmp_path):
     tables = tables_in(tmp_path)
     path = tmp_path / "c.json"
     path.write_text(json.dumps({name: {**t, **change} for name, t in tables.items()}))
     with pytest.raises(HandtrackError):
         read_calibration([path])
+
+
+@pytest.mark.parametrize("change", [
+    lambda R, t: (R.T, -R.T @ t), lambda R, t: (FACING @ R, FACING @ t), lambda R, t: (FACING @ R.T, -FACING @ R.T @ t),
+])  # fmt: skip
+def test_poses_of_another_convention_are_not_taken_unasked(change, tmp_path):
+    tables = tables_in(tmp_path)
+    for table in tables.values():  # with the world's origin where the hand is
+        R = np.array(table["R"])
+        table["R"], table["t"] = (part.tolist() for part in change(R, R @ [0, 0, 0.5] + table["t"]))
+    path = tmp_path / "c.json"
+    path.write_text(json.dumps(tables))
+    assert not unit_of(read_calibration([path])).sure

@@ -23,6 +23,7 @@ from handtrack.capture.calibration.formats.read_calibration import (
     LensView,
     Subject,
     Unit,
+    doubted_poses,
     named,
     pinholes,
     read_calibration,
@@ -474,7 +475,7 @@ def given_rig(
     try:
         given, assumed = named(read_calibration(paths), list(recording), where)
         given = _with_lens(given, options.lens, where)
-        given = sized(given, sizes_of(recording), where)
+        given, sides = sized(given, sizes_of(recording), where)
         shown, views = pinholes(given, joint_regions(recording, given))
         seen = in_views(recording, views)
         length = _length(shown.rig(1.0), seen, kind)
@@ -492,7 +493,9 @@ def given_rig(
         ) from None
     notes = [
         assumed,
+        sides,
         f"unit: {unit.why if unit.sure else f'{chosen:g} m.'}" if unit_m is None else "",
+        doubted_poses(given),
     ]
     if length is not None and not kind.fits(length * chosen):
         notes.append(

@@ -27,11 +27,11 @@ _IS_FISHEYE = {
         (
             False,
             ",none,pinhole,perspective,standard,opencv,radtan,radialtangential,plumbbob,brown,brownconrady,"
-            "pinholeradtan,rationalpolynomial,rational,regular,linear,fullopencv,simplepinhole,false,no",
+            "pinholeradtan,rationalpolynomial,rational,regular,linear,fullopencv,simplepinhole,false,no,0",
         ),
         (
             True,
-            "fisheye,opencvfisheye,equidistant,equi,pinholeequi,kannalabrandt,kannalabrandt4,kb,kb4,true,yes",
+            "fisheye,opencvfisheye,equidistant,equi,pinholeequi,kannalabrandt,kannalabrandt4,kb,kb4,true,yes,1",
         ),
     )
     for name in names.split(",")
@@ -204,6 +204,10 @@ def rotation_of(value: Any, where: str) -> Floats[D3, D3]:
     """Return a rotation given as matrix or rotation vector [rad]. Raises HandtrackError."""
     what = "a rotation matrix of 3 x 3 or a rotation vector of 3 (Rodrigues), world to camera"
     array = numbers(value, where, (3, 3), (3,), expected=what)
+    if array.size == 3 and np.linalg.norm(array) > 2 * np.pi:
+        raise HandtrackError(
+            f"{where}: {array.tolist()}, more than a whole turn; expected {what} in radians. Is it in degrees?"
+        )
     return rotation_matrix(array) if array.size == 3 else array
 
 
@@ -221,11 +225,12 @@ _NAMES = {
     "pose": "rt extrinsics extrinsic extrinsicmatrix extrinsicsmatrix worldtocamera worldtocam w2c tcameraworld tcamworld tcw",
     "rectification": "rectificationmatrix rectification",
     "projection": "projectionmatrix p",
-    "size": "size shape imageshape imagesize imsize resolution imageresolution imgsize sizepx imageshapewh",
+    "size": "size shape imageshape imagesize imsize resolution imageresolution imgsize sizepx imageshapewh "
+    "cameraresolution",
     "width": "width imagewidth w",
     "height": "height imageheight h",
     "model": "model cameramodel distortionmodel lensmodel projectionmodel",
-    "fisheye": "fisheye isfisheye",
+    "fisheye": "fisheye isfisheye fisheyemodel",
     "name": "name cameraname camname",
     "unit": "unit units worldunits worldunit lengthunit translationunit",
     "inverse": "c2w cameratoworld camtoworld tworldcamera tworldcam twc",
@@ -235,7 +240,6 @@ MEANS = {name: field for field, names in _NAMES.items() for name in names.split(
 """our name of each key that people write, in small letters and digits alone"""
 _STEREO = re.compile(r"^(.*?)_?(1|2|left|right|l|r)$", re.IGNORECASE)
 _LIMIT = 64  # cameras
-_MIDDLE = 0.05  # of the image: exchanged sides of 10:9 move its middle by as much
 _LEAST_FOCAL_PX = 10.0  # less is in millimetres, or a share of the image's width
 
 
@@ -412,7 +416,7 @@ def camera_of(
     said = [
         str(known[field]) for field in ("model", "fisheye") if known.get(field) not in (None, "")
     ]
-    models = [is_fisheye(word if word != "0" else "", where) for word in said]
+    models = [is_fisheye(word, where) for word in said]
     if "distortions" not in known:
         raise HandtrackError(
             f"{where}: no distortion coefficients, only {', '.join(map(str, table))}; expected `dist` (k1 k2 p1 p2 k3), or zeros "
@@ -436,7 +440,7 @@ def camera_of(
         )
     return ImportedCamera(
         name,
-        _size(known, where, matrix),
+        _size(known, where),
         matrix,
         distortions,
         *(pose or (np.eye(3), np.zeros(3))),
@@ -458,11 +462,9 @@ def _matrix(known: Mapping[str, Any], where: str) -> Floats[D3, D3]:
     return numbers(value, f"{where}, matrix", (3, 3))
 
 
-def _size(known: Mapping[str, Any], where: str, matrix: Floats[D3, D3]) -> tuple[int, int] | None:
-    if "size" in known:  # some write height, width: the axis goes through the image's middle
-        size = whole_size(numbers(known["size"], f"{where}, size").ravel()[:2], f"{where}, size")
-        off, turned = (np.abs(matrix[:2, 2] / shape - 0.5).max() for shape in (size, size[::-1]))
-        return size if turned > off / 2 or off < _MIDDLE else (size[1], size[0])
+def _size(known: Mapping[str, Any], where: str) -> tuple[int, int] | None:
+    if "size" in known:
+        return whole_size(numbers(known["size"], f"{where}, size").ravel()[:2], f"{where}, size")
     if {"width", "height"} <= known.keys():
         return whole_size([known["width"], known["height"]], f"{where}, width and height")
     return None
@@ -472,10 +474,17 @@ def _pose(known: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[
     """Return where a table says its camera stands; null, as for one that was not found, says nothing."""
     whole = known.get("pose", known.get("inverse"))
     if {"rotation", "translation"} <= known.keys():
+        many = known["translation"]
+        if np.size(np.asarray(many, dtype=object)) > 3:  # calibrateCamera's: the board's, by view
+            return None
         moved = numbers(known["translation"], f"{where}, translation", (3,))
         return rotation_of(known["rotation"], f"{where}, rotation"), moved
     if whole is not None:
         pose = numbers(whole, f"{where}, pose", (3, 4), (4, 4))
+        if (pose[3:] != [0, 0, 0, 1]).any():
+            raise HandtrackError(
+                f"{where}, pose: its last row is {pose[3].tolist()}; expected 0 0 0 1. Is it transposed?"
+            )
         turned, moved = pose[:3, :3], pose[:3, 3]
         return (turned, moved) if "pose" in known else (turned.T, -turned.T @ moved)
     return _rectified(known, where)

@@ -39,7 +39,9 @@ _MOST = 64  # images: a rig has one a camera
 def read_kalibr(tree: Any, where: str) -> ImportedRig | None:
     """Return the cameras of a camera chain (YAML): each one's pose is from the one before, in metres."""
     pose, cameras = np.eye(4), list[ImportedCamera]()
-    for name, table in tree.items() if isinstance(tree, Mapping) else ():
+    tables = tree.items() if isinstance(tree, Mapping) else ()
+    # sorted as text, as some versions write them, cam10 stands before cam2
+    for name, table in sorted(tables, key=lambda item: int(re.sub(r"\D", "", str(item[0])) or 0)):
         if not isinstance(table, Mapping) or not {"distortion_model", "intrinsics"} <= table.keys():
             continue
         place = f"{where}, {name}"

@@ -386,6 +386,8 @@ _SIDE_BY_SIDE = (
     1 / 18,
     10 / 3,
 )  # between cameras that look one way, in sizes of what both see: 1 to 60 cm for hands
+_MIDDLE = 0.05  # of the image: exchanged sides of 10:9 move its middle by as much
+_APART = 0.01  # of the distance: cameras nearer to one another are at one place
 _PARALLEL = 0.005  # least eigenvalue of Σ(1 − a aᵀ)/C: below, axes within some 6° meet nowhere
 
 
@@ -458,19 +460,41 @@ def _number(name: str) -> int:
     return int(digits[1]) if digits else -1
 
 
-def sized(rig: ImportedRig, sizes: Mapping[str, tuple[int, int]], where: str) -> ImportedRig:
-    """Return the rig with sizes [px] of the recording's images where the calibration says none; of cameras that have
-    neither, those of the others. Raises HandtrackError where nobody says one.
+def sized(
+    rig: ImportedRig, sizes: Mapping[str, tuple[int, int]], where: str
+) -> tuple[ImportedRig, str]:
+    """Return the rig with sizes [px] of the recording's images where the calibration says none, of cameras that have
+    neither, those of the others; and what was assumed, in sentences or none.
+
+    Some programs write height, width: then the lens's axis goes through the middle of an image of exchanged sides. Raises
+    HandtrackError where nobody says a size.
     """
     known = [camera.size for camera in rig.cameras if camera.size] + list(sizes.values())
     if not known:
         raise HandtrackError(
             f"{where}: no image size, and no images that have one; add `size` = [w, h] to each camera."
         )
-    cameras = tuple(
-        replace(c, size=c.size or sizes.get(str(c.name), known[0])) for c in rig.cameras
-    )
-    return replace(rig, cameras=cameras)
+    cameras, notes = list[ImportedCamera](), list[str]()
+    for camera in rig.cameras:
+        size = camera.size or sizes.get(str(camera.name), known[0])
+        off, turned = (
+            np.abs(camera.matrix[:2, 2] / sides - 0.5).max() for sides in (size, size[::-1])
+        )
+        if turned <= off / 2 and off >= _MIDDLE:
+            width, height = size
+            axis = f"its lens's axis goes through ({camera.matrix[0, 2]:.0f}, {camera.matrix[1, 2]:.0f})"
+            if sizes.get(str(camera.name)) == size:
+                notes.append(
+                    f"note: camera '{camera.name}': the images are {width} x {height}, but {axis}, the middle of {height} x "
+                    f"{width}. Was the video turned after the calibration?"
+                )
+            else:
+                size = height, width
+                notes.append(
+                    f"camera '{camera.name}': its size, {width} x {height}, is taken to be height x width: {axis}."
+                )
+        cameras.append(replace(camera, size=size))
+    return replace(rig, cameras=tuple(cameras)), " ".join(notes)
 
 
 def with_lens(rig: ImportedRig, lens: str | None, where: str) -> ImportedRig:
@@ -559,8 +583,7 @@ def unit_of(rig: ImportedRig, length: float | None = None, subject: Subject = HA
         return Unit(rig.unit_m, True, f"{rig.family}: its unit is {_words(rig.unit_m)}.")
     if len(rig.cameras) == 1:  # its own frame may be the world; no length shows
         return Unit(1.0, True, "")
-    axes = tuple(c.without_lens() if c.needs_view else c for c in rig.cameras)
-    in_units = replace(rig, cameras=axes).rig(1.0)
+    in_units = _pinhole_axes(rig)
     apart, depths = _spacing(in_units)
     likely = _likely_units(in_units, apart, depths, subject.size_m)
     guess = likely[0] if len(likely) == 1 else None
@@ -578,11 +601,59 @@ def unit_of(rig: ImportedRig, length: float | None = None, subject: Subject = HA
             f"the joints make a {subject.word} {length:.3g} long",
             "is none in metres, centimetres or millimetres",
         )
+    if doubt := doubted_poses(rig):
+        return Unit(guess, False, f"{doubt} If they are right nevertheless, say the unit.")
     if rig.any_unit:
         return Unit(guess, False, f"a {rig.family} has no unit of length; in its unit, {seen}.")
     if len(likely) == 1:
         return Unit(guess, True, f"in its unit, {seen}: for {what} that is {_words(likely[0])}.")
     return Unit(guess, False, f"in its unit, {seen}, which {none}.")
+
+
+_FLIP = np.diag([1.0, -1.0, -1.0])
+_OTHER_POSES: Mapping[
+    str, Callable[[Floats[D3, D3], Floats[D3]], tuple[Floats[D3, D3], Floats[D3]]]
+] = {
+    "were given from camera to world": lambda R, t: (R.T, -R.T @ t),
+    "were of cameras that look along -z, with y up (OpenGL, Blender)": lambda R, t: (
+        _FLIP @ R,
+        _FLIP @ t,
+    ),
+    "were of such cameras, from camera to world": lambda R, t: (_FLIP @ R.T, -_FLIP @ R.T @ t),
+}
+
+
+def doubted_poses(rig: ImportedRig) -> str:
+    """Return what speaks against the poses of cameras that have names and sizes, in sentences; nothing for poses that may be right.
+
+    Cameras that see one thing look at one place. Where they do not, but would if the poses were of another convention, they
+    probably are.
+    """
+    if len(rig.cameras) == 1 or _meet(_pinhole_axes(rig)):
+        return ""
+    for words, changed in _OTHER_POSES.items():
+        poses = (changed(c.rotation, c.translation) for c in rig.cameras)
+        cameras = (
+            replace(camera, rotation=rotation, translation=translation)
+            for camera, (rotation, translation) in zip(rig.cameras, poses, strict=True)
+        )
+        if _meet(_pinhole_axes(replace(rig, cameras=tuple(cameras)))):
+            return (
+                f"the cameras look at no place in front of all of them; they would if the poses {words}. Expected are R and t, "
+                "world to camera, x right, y down, z forward: p_camera = R p_world + t."
+            )
+    return ""
+
+
+def _pinhole_axes(rig: ImportedRig) -> CameraRig:
+    """Return the cameras with translations in file units; of lenses that are not a pinhole's, the axis alone."""
+    axes = tuple(c.without_lens() if c.needs_view else c for c in rig.cameras)
+    return replace(rig, cameras=axes).rig(1.0)
+
+
+def _meet(rig: CameraRig) -> bool:
+    apart, depths = _spacing(rig)
+    return depths is not None and max(apart) > _APART * float(np.median(depths))
 
 
 def _words(unit_m: float) -> str:
@@ -652,7 +723,7 @@ def read_cameras(
         given = with_lens(given, lens, where)
     except HandtrackError as error:
         raise HandtrackError(f'{error} Are they k1 k2 p1 p2? Then lens="plain".') from None
-    given = sized(given, {} if size is None else dict.fromkeys(names, size), where)
+    given, _ = sized(given, {} if size is None else dict.fromkeys(names, size), where)
     if unit_m is not None:
         return given.rig(unit_m)
     unit = unit_of(given)
