@@ -263,7 +263,7 @@ def read_csv_joints(text: str, where: str, names: Names, camera: str) -> Importe
         return None
     heads = [row[0].strip().lower() for row in rows[:4]]
     if "bodyparts" in heads and "coords" in heads:
-        return _deeplabcut(rows, heads, where, names)
+        rows = _deeplabcut(rows, heads, where)
     table = read_points(rows, where, IN_IMAGES, camera)
     if table is None:
         return None
@@ -286,9 +286,11 @@ def read_csv_joints(text: str, where: str, names: Names, camera: str) -> Importe
     own = "_FINGER_MCP" in words or not re.search(
         r"[A-Z]{4}", re.sub("RIGHT|LEFT|HAND|LANDMARK", "", words)
     )
-    family = "Caliscope's xy.csv" if "img_loc_x" in head else "a CSV of points"
     layout = "mediapipe21" if own else None  # its own names, or bare numbers
-    found = table_joints(family, points, values, table.frames, where, layout)
+    family = "Caliscope's xy.csv" if "img_loc_x" in head else "a CSV of points"
+    if "coords" in heads:
+        family, layout = "DeepLabCut's CSV", None
+    found = table_joints(family, points, values[None], table.frames, where, layout)
     return replace(found, notes=table.notes)
 
 
@@ -305,40 +307,44 @@ def renamed(names: Sequence[str], known: Names, where: str) -> list[str]:
 def table_joints(
     family: str,
     names: Sequence[str],
-    columns: Floats[F, N, D3],
+    tracks: Floats[M, F, N, D3],
     frames: Iterable[int],
     where: str,
     layout: str | None = None,
 ) -> ImportedJoints:
-    """Return joints from points by name: a hand's, a body's, or both.
+    """Return joints from points by name: a hand's, bodies', or both; of several tracks all bodies, and no hand.
 
     Parameters
     ----------
-    columns
-        (F, N, 3), column, row [px], confidence.
+    tracks
+        Of each hand or person column, row [px], confidence.
 
     Raises
     ------
     HandtrackError
-        Where they are neither's.
+        Where they are neither's, and for several hands.
     """
     frames = [int(frame) for frame in frames]
-    bodies, unknown = bodies_of_table(names, columns[:, None], frames, where), ()
+    bodies, unknown, sides = _bodies(names, tracks, frames, where), (), {}
+    filled = [points for points in tracks if np.isfinite(points[..., :2]).all(axis=-1).any()]
     if bodies is not None and bodies.layout is None:  # numbered, and not as a hand's are
         sides, layout = HANDS_IN.get(len(names), {}), None
+    elif bodies is None and len(filled) > 1:
+        raise HandtrackError(
+            f"{where}: {len(filled)} animals or hands (tracks); export one, or name its points by side."
+        )
     else:
         try:
             sides, unknown = named_points(names, where)
         except HandtrackError:
             if bodies is None:
                 raise
-            sides = {}
     hands: dict[str, dict[int, Hand]] = {}
-    for side, chosen in sides.items():
+    for side, chosen in sides.items() if len(filled) <= 1 else ():
         points, ours = list(chosen), list(chosen.values())
         hands[side] = {
             frame: hand_of(ours, row[points, :2], row[points, 2])
-            for frame, row in zip(frames, columns, strict=True)
+            for frame, row in zip(frames, (filled or tracks)[0], strict=True)
             if (np.isfinite(row[points, :2]).all(axis=1) & (row[points, 2] > 0)).any()
         }
     if layout is not None and len(hands) == 1:  # MediaPipe's sides are as in a mirror, or not
@@ -346,10 +352,10 @@ def table_joints(
     return ImportedJoints(family, hands, layout, unknown, bodies=bodies)
 
 
-def bodies_of_table(
-    names: Sequence[str], columns: Floats[F, M, N, D3], frames: Sequence[int], where: str
+def _bodies(
+    names: Sequence[str], tracks: Floats[M, F, N, D3], frames: Sequence[int], where: str
 ) -> ImportedBodies | None:
-    """Return the bodies of several tracks' points by name; None where the names are no body's. Raises HandtrackError.
+    """Return the bodies of tracks' points by name; None where the names are no body's. Raises HandtrackError.
 
     Points that are but numbered from 0 are some detector's, as many as there are.
     """
@@ -361,29 +367,27 @@ def bodies_of_table(
         return cleaned(points) if places is None else body_of(points, places)
 
     people = {
-        frame: [one for one in map(body, tracks) if (one[:, 2] > 0).any()]
-        for frame, tracks in zip(frames, columns, strict=True)
+        frame: [one for one in map(body, tracks[:, row]) if (one[:, 2] > 0).any()]
+        for row, frame in enumerate(frames)
     }
     unknown = tuple(name for i, name in enumerate(names) if places and i not in places)
     return checked_bodies(people, where, NAMED if places else None, unknown)
 
 
-def _deeplabcut(
-    rows: list[list[str]], heads: list[str], where: str, known: Names
-) -> ImportedJoints:
-    parts, coords = rows[heads.index("bodyparts")], rows[heads.index("coords")]
-    single = rows[heads.index("individuals")] if "individuals" in heads else [""] * len(parts)
-    if len({name for name in single[1:] if name and name != "single"}) > 1:
-        raise HandtrackError(
-            f"{where}: several individuals ({', '.join(dict.fromkeys(single[1:]))}); export one."
-        )
-    body = rows[heads.index("coords") + 1 :]
-    kinds = [name.strip().lower() for name in coords]
-    first = kinds.index("x") if "x" in kinds else 1
-    columns = {i: pair for i, pair in enumerate(zip(parts, kinds)) if i >= first}
-    names, values = points_of_columns(columns, cells(body, columns, where), IN_IMAGES, where)
-    frames = [frame_in("".join(row[:first][-1:]) or row[0], i, where) for i, row in enumerate(body)]
-    return table_joints("DeepLabCut's CSV", renamed(names, known, where), values, frames, where)
+def _deeplabcut(rows: list[list[str]], heads: list[str], where: str) -> list[list[str]]:
+    """Return DeepLabCut's table with one header in place of its three or four, and one column of frames."""
+    above = dict(zip(heads, rows))
+    _check_single(above.get("individuals", [])[1:], where)
+    columns = [*zip(above["bodyparts"], (kind.strip().lower() for kind in above["coords"]))]
+    first = next((i for i, (_, kind) in enumerate(columns) if kind == "x"), 1)
+    body = ([row[first - 1] or row[0], *row[first:]] for row in rows[heads.index("coords") + 1 :])
+    return [["frame", *map("_".join, columns[first:])], *body]
+
+
+def _check_single(individuals: Iterable[str], where: str) -> None:
+    several = dict.fromkeys(name for name in individuals if name not in ("", "single"))
+    if len(several) > 1:
+        raise HandtrackError(f"{where}: several individuals ({', '.join(several)}); export one.")
 
 
 # ---- HDF5: DeepLabCut's tables and SLEAP's analysis files, by h5py, and SLEAP's own .slp, by sleap-io: both optional. Pandas writes the
@@ -458,24 +462,7 @@ def _sleap(file: Any, path: Path, known: Names) -> ImportedJoints:
     if sure.shape != tracks[:, 0].shape:
         sure = np.ones_like(tracks[:, 0])
     seen = np.concatenate([tracks, sure[:, None]], axis=1).transpose(0, 3, 2, 1)
-    return _of_tracks("SLEAP's analysis file", renamed(names, known, str(path)), seen, path)
-
-
-def _of_tracks(
-    family: str, names: list[str], seen: Floats[M, F, N, D3], path: Path
-) -> ImportedJoints:
-    """seen: column, row and confidence, which is 1 where unknown, of each track."""
-    seen[..., 2] = np.nan_to_num(seen[..., 2], nan=1.0)
-    bodies = bodies_of_table(names, seen.swapaxes(0, 1), range(seen.shape[1]), str(path))
-    if bodies is not None:
-        return ImportedJoints(family, {}, bodies=bodies)
-    known = np.isfinite(seen[..., :2]).all(axis=-1).sum(axis=(1, 2))
-    if (known > 0).sum() > 1:
-        raise HandtrackError(
-            f"{path}: {int((known > 0).sum())} animals or hands (tracks); export one, or name its points by side."
-        )
-    columns = seen[int(np.argmax(known))]
-    return table_joints(family, names, columns, range(len(columns)), str(path))
+    return _of_tracks("SLEAP's analysis file", names, seen, path, known)
 
 
 def _slp(path: Path, known: Names) -> ImportedJoints:
@@ -488,7 +475,16 @@ def _slp(path: Path, known: Names) -> ImportedJoints:
     labels = sleap_io.load_slp(str(path), open_videos=False)
     seen = np.array(labels.numpy(return_confidence=True), dtype=float).swapaxes(0, 1)
     names = [str(name) for name in labels.skeletons[0].node_names]
-    return _of_tracks("SLEAP's .slp", renamed(names, known, str(path)), seen, path)
+    return _of_tracks("SLEAP's .slp", names, seen, path, known)
+
+
+def _of_tracks(
+    family: str, names: list[str], seen: Floats[M, F, N, D3], path: Path, known: Names
+) -> ImportedJoints:
+    """seen: column, row and confidence, 1 where unknown, of each track."""
+    seen[..., 2] = np.nan_to_num(seen[..., 2], nan=1.0)
+    points = renamed(names, known, str(path))
+    return table_joints(family, points, seen, range(seen.shape[1]), str(path))
 
 
 class _Plain(pickle.Unpickler):
@@ -508,14 +504,10 @@ def _deeplabcut_h5(group: Any, path: Path, known: Names) -> ImportedJoints:
     if "values_block_0" not in (rows.dtype.names or ()):
         raise HandtrackError(f"{path}: no table of numbers as pandas writes it.")
     values = rows["values_block_0"].astype(float)
-    single = {name[1] for name in names if len(name) > 3}
-    if len(single - {"single"}) > 1:
-        raise HandtrackError(
-            f"{path}: several individuals ({', '.join(sorted(single))}); export one."
-        )
+    _check_single((name[1] for name in names if len(name) > 3), str(path))
     heads = {i: (name[-2], name[-1]) for i, name in enumerate(names)}
     points, columns = points_of_columns(heads, values, IN_IMAGES, str(path))
     index = rows["index"] if "index" in rows.dtype.names else np.zeros(0)
     frames = list(map(int, index)) if index.dtype.kind in "iu" else range(len(rows))
     points = renamed(points, known, str(path))
-    return table_joints("DeepLabCut's HDF5", points, columns, frames, str(path))
+    return table_joints("DeepLabCut's HDF5", points, columns[None], frames, str(path))
