@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -232,18 +232,29 @@ _NAMES = {
     "model": "model cameramodel distortionmodel lensmodel projectionmodel",
     "fisheye": "fisheye isfisheye fisheyemodel",
     "name": "name cameraname camname",
+    "names": "names cameranames cameras",
     "unit": "unit units worldunits worldunit lengthunit translationunit",
     "inverse": "c2w cameratoworld camtoworld tworldcamera tworldcam twc",
     **{name: name for name in (*_FOCAL_AND_CENTRE, "xi")},
 }
 MEANS = {name: field for field, names in _NAMES.items() for name in names.split()}
 """our name of each key that people write, in small letters and digits alone"""
-_STEREO = re.compile(r"^(.*?)_?(1|2|left|right|l|r)$", re.IGNORECASE)
+Known = Mapping[str, Any]
+"""what a camera's table says, by our names"""
+_Named = tuple[str | None, Known]
+"""the same with the camera's name as far as there is one"""
+_Tree = Mapping[str, Any] | list[Any]
+_Path = tuple[str | int, ...]
+_PAIRS = ({"1", "2"}, {"left", "right"}, {"l", "r"})
+"""how OpenCV's users call the lenses of a stereo pair, which are no names of cameras"""
+_AROUND = ("cameras", "calibration", "cams", "rig")  # keys of tables around cameras
 _LIMIT = 64  # cameras
+_STACKED = ("matrix", "distortions", "rotation", "translation", "pose", "inverse")
+_DEEPEST = 8  # tables in tables
 _LEAST_FOCAL_PX = 10.0  # less is in millimetres, or a share of the image's width
 
 
-def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> ImportedRig | None:
+def read_tables(tree: _Tree, where: str, alone: str) -> ImportedRig | None:
     """Return the cameras of nested tables; None where there are none.
 
     Parameters
@@ -256,170 +267,133 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
     HandtrackError
         Naming the camera and the key.
     """
-    pair: list[tuple[str | None, Mapping[str, Any]]] = []
-    if isinstance(tree, Mapping):
-        inner = [
-            key for key in tree if plain_word(key) in ("cameras", "calibration", "cams", "rig")
-        ]
-        if len(inner) == 1 and isinstance(tree[inner[0]], Mapping | list):
-            found = read_tables(tree[inner[0]], where, alone)
-            return found and _in_unit(found, tree, where)
-        if any(re.fullmatch("xi(l|r|1|2|left|right)?", plain_word(key)) for key in tree):
-            raise _mirror(where)
-        pair = _stereo(tree)
-    tables = pair or _tables(tree, alone)
-    if not tables:
-        below = tree.values() if isinstance(tree, Mapping) else ()
-        rigs = (read_tables(v, where, alone) for v in below if isinstance(v, Mapping | list))
-        return next((rig for rig in rigs if rig is not None and len(rig.cameras) > 1), None)
-    if len(tables) > _LIMIT:
+    tables, beside, by_key = _tables(tree, alone)
+    family = "one table per camera"
+    if not 0 < len(tables) <= _LIMIT:
         return None
+    if len(tables) == 2 and {"rotation", "translation"} <= beside.keys():
+        # stereoRectify's R1, P1, R2, P2 are no poses
+        own = ({k: v for k, v in known.items() if k != "projection"} for _, known in tables)
+        if not any(_pose(known, where) for known in own):
+            tables, family = _stereo(tables, beside, by_key), "stereo pair as OpenCV calibrates it"
     posed = len(tables) > 1
     wheres = [f"{where}, camera {name or i}" for i, (name, _) in enumerate(tables, 1)]
-    placed = [not posed or _pose(_known(t), w) is not None for (_, t), w in zip(tables, wheres)]
-    between = _known(tree) if isinstance(tree, Mapping) else {}
-    if len(tables) == 2 and not any(placed) and {"rotation", "translation"} <= between.keys():
-        poses = (
-            {"R": np.eye(3), "T": np.zeros(3)},
-            {"R": between["rotation"], "T": between["translation"]},
-        )
-        tables = [(name, {**table, **pose}) for (name, table), pose in zip(tables, poses)]
-        placed = [True, True]
+    placed = [not posed or _pose(known, w) is not None for (_, known), w in zip(tables, wheres)]
     if not any(placed):
         placed = [True] * len(tables)  # which camera_of refuses, and says what it expects
     cameras = tuple(
-        camera_of(table, name, wheres[i], posed)
-        for i, (name, table) in enumerate(tables)
+        camera_of(known, name, wheres[i], posed)
+        for i, (name, known) in enumerate(tables)
         if placed[i]
     )
     unposed = tuple(name or f"{i + 1}" for i, (name, _) in enumerate(tables) if not placed[i])
-    family = "stereo pair as OpenCV calibrates it" if pair else "one table per camera"
-    rig = ImportedRig(family, cameras, unposed=unposed)
-    return _in_unit(rig, tree, where) if isinstance(tree, Mapping) else rig
+    said = beside.get("unit")
+    unit_m = None if said is None else metres_in(said, f"{where}: unit")
+    return ImportedRig(family, cameras, unit_m, unposed=unposed)
 
 
-def _in_unit(rig: ImportedRig, tree: Mapping[str, Any], where: str) -> ImportedRig:
-    said = _known(tree).get("unit")
-    return rig if said is None else replace(rig, unit_m=metres_in(said, f"{where}: unit"))
+def _tables(tree: _Tree, alone: str) -> tuple[list[_Named], Known, bool]:
+    """Return what is known of each camera, what beside, and whether names are of keys: a camera's values stand below one path, or else
+    have one name in their keys, such as K_cam0, cam0_K, K0 or cam0/K. Of two that mean the same the first counts.
+    """
+    tables, by_key = dict[_Path, dict[str, Any]](), dict[_Path, dict[str, Any]]()
+    for path, key, value in _values(tree):
+        for field, name in ((key, ""), *_splits(key)):
+            if meaning := MEANS.get(plain_word(field)):
+                own = by_key.setdefault((*path, name), {}) if name else tables.setdefault(path, {})
+                own.setdefault(meaning, value)
+    for groups in (tables, by_key):
+        cameras = {
+            path: known
+            for path, known in groups.items()
+            if len(known) > 1 and ("matrix" in known or {"fx", "fy"} <= known.keys())
+        }
+        if cameras:
+            break
+    else:
+        return [], {}, False
+    beside = tables.get((), {}) | tables.get(next(iter(cameras))[:-1], {})
+    found: list[_Named] = []
+    for path, known in cameras.items():
+        if not any(path[:n] in cameras for n in range(len(path))):
+            names = known.get("name"), (alone, *path)[-1]
+            found.append((next((n for n in names if isinstance(n, str) and n), None), known))
+    return (_unstacked(beside) if () in cameras else []) or found, beside, groups is by_key
 
 
-def _tables(
-    tree: Mapping[str, Any] | list[Any], alone: str
-) -> list[tuple[str | None, Mapping[str, Any]]]:
-    """Return a table for each camera, with its name as far as there is one."""
-    if isinstance(tree, list):
-        return [
-            (_name(t, None), _flat(t)) for t in tree if isinstance(t, Mapping) and _is_camera(t)
-        ]
-    if _is_camera(tree):
-        stacked = _unstacked(tree)
-        return stacked or [(_name(tree, alone), tree)]
-    tables = [
-        (_name(t, str(key)), _flat(t))
-        for key, t in tree.items()
-        if isinstance(t, Mapping) and _is_camera(t)
-    ]
-    return tables or _grouped(tree)
-
-
-def _flat(table: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a camera's table with what stands in its tables of the lens and of the pose."""
-    inner = {
-        key: value
-        for key, value in table.items()
-        if MEANS.get(plain_word(key)) in ("matrix", "pose")
-        and isinstance(value, Mapping)
-        and "data" not in value
-    }
-    outer = {key: value for key, value in table.items() if key not in inner}
-    return {**outer, **{key: v for part in inner.values() for key, v in part.items()}}
-
-
-def _is_camera(table: Mapping[str, Any]) -> bool:
-    known = _known(table)
-    return "matrix" in known or {"fx", "fy"} <= known.keys()
-
-
-def _name(table: Mapping[str, Any], otherwise: str | None) -> str | None:
-    known = _known(table).get("name")
-    return known if isinstance(known, str) and known else otherwise
-
-
-def _unstacked(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, Any]]]:
-    """Return tables from arrays that have one row a camera; none where the file is of one camera."""
-    known = _known(tree)
-    matrix = np.asarray(known.get("matrix"), dtype=object)
-    if matrix.ndim != 3 or len(matrix) > _LIMIT:
-        return []
-    count = len(matrix)
-    names = next(
-        (v for key, v in tree.items() if plain_word(key) in ("names", "cameranames", "cameras")),
-        None,
-    )
-    if names is not None and len(names) != count:
-        names = None
-
-    def row(field: str, value: Any, i: int) -> Any:
-        values = np.asarray(value, dtype=object)
-        if (
-            field in ("matrix", "distortions", "rotation", "translation", "pose", "inverse")
-            or values.ndim == 2
+def _values(tree: _Tree, path: _Path = ()) -> Iterator[tuple[_Path, str, Any]]:
+    """Yield what stands in nested tables and lists of them, each with the path of its camera, from which tables of lenses, of poses and
+    around all cameras are left out, and its key.
+    """
+    named = isinstance(tree, Mapping)
+    for key, value in ((str(k), v) for k, v in tree.items()) if named else enumerate(tree):
+        if isinstance(value, Mapping):
+            is_table = "data" not in value
+        else:
+            is_table = isinstance(value, list) and any(isinstance(v, Mapping) for v in value)
+        if is_table and len(path) < _DEEPEST:
+            plain = plain_word(key)
+            is_part = plain in _AROUND or MEANS.get(plain) in ("matrix", "pose")
+            yield from _values(value, path if is_part else (*path, key))
+        elif (
+            not is_table and value is not None and not (isinstance(value, str) and value == "null")
         ):
-            return value[i] if len(value) == count else value
-        return value
+            yield path, str(key), value
 
-    own = {field: v for field, v in known.items() if field not in ("name", "unit")}
-    key = {field: _NAMES[field].split()[0] for field in own}
+
+def _unstacked(known: Known) -> list[_Named]:
+    """Return tables from arrays that have one row a camera; none where the file is of one camera."""
+    shape = np.asarray(known.get("matrix"), dtype=object).shape
+    if len(shape) != 3 or shape[0] > _LIMIT:
+        return []
+    count, shapes = shape[0], {f: np.asarray(v, dtype=object).shape for f, v in known.items()}
+    stacked = {
+        field
+        for field, shape in shapes.items()
+        if shape[:1] == (count,) and (field in _STACKED or len(shape) == 2)
+    }
+    names = map(str, known["names"]) if shapes.get("names") == (count,) else [None] * count
+    fields = [field for field in known if field not in ("name", "names", "unit")]
     return [
-        (None if names is None else str(names[i]), {key[f]: row(f, v, i) for f, v in own.items()})
-        for i in range(count)
+        (name, {field: known[field][i] if field in stacked else known[field] for field in fields})
+        for i, name in enumerate(names)
     ]
 
 
-def _grouped(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, Any]]]:
-    """Return tables from keys such as K_cam0, cam0_K, K0 or cam0/K."""
-    groups: dict[str, dict[str, Any]] = {}
-    for key, value in tree.items():
-        for first, last in _splits(str(key)):
-            for field, name in ((first, last), (last, first)):
-                if plain_word(field) in MEANS and name:
-                    groups.setdefault(name, {}).setdefault(field, value)
-    return [(name, t) for name, t in groups.items() if _is_camera(t) and len(t) > 1]
+def _splits(key: str) -> Iterator[tuple[str, str]]:
+    """Yield how a key may be a value's and a camera's name."""
+    for sign in re.finditer(r"[_./\- ]", key[:80]):
+        first, last = key[: sign.start()], key[sign.end() :]
+        yield first, last
+        yield last, first
+    joined = re.fullmatch(r"(.*[A-Za-z])(\d+|left|right|l|r)", key[:80], re.IGNORECASE)
+    if joined:
+        yield joined[1], joined[2]
 
 
-def _splits(key: str) -> list[tuple[str, str]]:
-    ends = [(key[: m.start()], key[m.end() :]) for m in re.finditer(r"[_./\- ]", key[:80])]
-    numbered = re.fullmatch(r"(\D*[A-Za-z])(\d+)", key[:80])
-    return [*ends, *([(numbered[1], numbered[2])] if numbered else [])]
+def _stereo(tables: list[_Named], beside: Known, by_key: bool) -> list[_Named]:
+    """Return two cameras of which the second's pose from the first stands beside them. by_key: their names are of keys."""
+    if by_key and {str(name).lower() for name, _ in tables} in _PAIRS:
+        tables = [(None, known) for _, known in sorted(tables, key=lambda table: str(table[0]))]
+    shared = {
+        k: beside[k] for k in ("size", "width", "height", "model", "fisheye", "xi") if k in beside
+    }
+    poses = (np.eye(3), np.zeros(3)), (beside["rotation"], beside["translation"])
+    return [
+        (name, {**shared, **known, "rotation": turn, "translation": moved})
+        for (name, known), (turn, moved) in zip(tables, poses, strict=True)
+    ]
 
 
-def _stereo(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, Any]]]:
-    """Return the lenses of a stereo calibration, which has the second camera's pose from the first beside them; else none."""
-    pair: dict[str, dict[str, Any]] = {"1": {}, "2": {}}
-    for key, value in tree.items():
-        match = _STEREO.match(str(key))
-        if match and MEANS.get(plain_word(match[1])) in ("matrix", "distortions", "size"):
-            which = "1" if match[2].lower() in ("1", "left", "l") else "2"
-            pair[which].setdefault(match[1], value)
-    known = _known(tree)
-    if not all(map(_is_camera, pair.values())) or not {"rotation", "translation"} <= known.keys():
-        return []
-    shared = {k: known[k] for k in ("size", "width", "height", "model", "fisheye") if k in known}
-    return [(None, {**shared, **own}) for own in pair.values()]
-
-
-def camera_of(
-    table: Mapping[str, Any], name: str | None, where: str, posed: bool
-) -> ImportedCamera:
+def camera_of(known: Known, name: str | None, where: str, posed: bool) -> ImportedCamera:
     """Return the camera of a table. posed: whether it must say where it stands. Raises HandtrackError."""
-    known = _known(table)
     said = [
         str(known[field]) for field in ("model", "fisheye") if known.get(field) not in (None, "")
     ]
     models = [is_fisheye(word, where) for word in said]
     if "distortions" not in known:
         raise HandtrackError(
-            f"{where}: no distortion coefficients, only {', '.join(map(str, table))}; expected `dist` (k1 k2 p1 p2 k3), or zeros "
+            f"{where}: no distortion coefficients, only {', '.join(known)}; expected `dist` (k1 k2 p1 p2 k3), or zeros "
             "where the images have none."
         )
     distortions = numbers(known["distortions"], f"{where}, distortion").ravel()
@@ -428,7 +402,7 @@ def camera_of(
     pose = _pose(known, where)
     if posed and pose is None:
         raise HandtrackError(
-            f"{where}: no pose, only {', '.join(map(str, table))}; expected `R` (matrix or rotation vector) and `t`, world to "
+            f"{where}: no pose, only {', '.join(known)}; expected `R` (matrix or rotation vector) and `t`, world to "
             "camera: p_camera = R p_world + t."
         )
     lens_open = len(distortions) == FISHEYE_COUNT and bool(distortions.any()) and not said
@@ -454,7 +428,7 @@ def _mirror(where: str) -> HandtrackError:
     )
 
 
-def _matrix(known: Mapping[str, Any], where: str) -> Floats[D3, D3]:
+def _matrix(known: Known, where: str) -> Floats[D3, D3]:
     apart = [known.get(name) for name in _FOCAL_AND_CENTRE]
     value = numbers(known.get("matrix", apart), f"{where}, matrix or fx fy cx cy")
     if value.shape == (4,):
@@ -462,7 +436,7 @@ def _matrix(known: Mapping[str, Any], where: str) -> Floats[D3, D3]:
     return numbers(value, f"{where}, matrix", (3, 3))
 
 
-def _size(known: Mapping[str, Any], where: str) -> tuple[int, int] | None:
+def _size(known: Known, where: str) -> tuple[int, int] | None:
     if "size" in known:
         return whole_size(numbers(known["size"], f"{where}, size").ravel()[:2], f"{where}, size")
     if {"width", "height"} <= known.keys():
@@ -470,7 +444,7 @@ def _size(known: Mapping[str, Any], where: str) -> tuple[int, int] | None:
     return None
 
 
-def _pose(known: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[D3]] | None:
+def _pose(known: Known, where: str) -> tuple[Floats[D3, D3], Floats[D3]] | None:
     """Return where a table says its camera stands; null, as for one that was not found, says nothing."""
     whole = known.get("pose", known.get("inverse"))
     if {"rotation", "translation"} <= known.keys():
@@ -490,7 +464,7 @@ def _pose(known: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[
     return _rectified(known, where)
 
 
-def _rectified(known: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[D3]] | None:
+def _rectified(known: Known, where: str) -> tuple[Floats[D3, D3], Floats[D3]] | None:
     """Return the pose from a ROS camera_info, in the rectified frame that its pair shares; None where it says none.
 
     `p_rectified = R p_camera`, and P = [K' | K' (b, 0, 0)] has the baseline b to the first camera.
@@ -504,14 +478,3 @@ def _rectified(known: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Fl
         return None
     moved = np.array([projected[3] / projected[0], 0.0, 0.0])
     return None if not moved.any() and (turned == np.eye(3)).all() else (turned.T, turned.T @ moved)
-
-
-def _known(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a table says by our names; of two keys that mean the same the first counts."""
-    known: dict[str, Any] = {}
-    for key, value in table.items():
-        field = MEANS.get(plain_word(key))
-        missing = value is None or (isinstance(value, str) and value == "null")
-        if field is not None and not missing:
-            known.setdefault(field, value)
-    return known

@@ -1,6 +1,6 @@
 """Calibrations in forms of single programs: Kalibr, MATLAB, Bouguet's toolbox, Qualisys, Gaussian splatting, NeRF and COLMAP.
 
-Each reader takes what a file holds and its name for messages, writes every camera as a table that `camera_of` reads, and returns None for
+Each reader takes what a file holds and its name for messages, writes every camera by the names that `camera_of` reads, and returns None for
 what is not of its program. All raise HandtrackError.
 """
 
@@ -57,7 +57,7 @@ def read_kalibr(tree: Any, where: str) -> ImportedRig | None:
             lens = lens[1:]
         else:
             is_fisheye(model, place)  # raises: of no model that is read
-        own = {"K": lens, "dist": table.get("distortion_coeffs") or [], "w2c": pose}
+        own = {"matrix": lens, "distortions": table.get("distortion_coeffs") or [], "pose": pose}
         own["model"] = table["distortion_model"]
         if "resolution" in table:
             size = whole_size(table["resolution"], f"{place}, resolution")
@@ -112,12 +112,12 @@ def _table_with(tree: Any, mark: str) -> Mapping[str, Any] | None:
 def _matlab_pose(table: Mapping[str, Any], where: str) -> dict[str, Any]:
     if {"RotationOfCamera2", "TranslationOfCamera2"} <= table.keys():  # x₂ = x₁ R + t, with rows
         rotation = numbers_at(table, "RotationOfCamera2", where, (3, 3)).T
-        return {"R": rotation, "t": table["TranslationOfCamera2"]}
+        return {"rotation": rotation, "translation": table["TranslationOfCamera2"]}
     pose = table.get("PoseCamera2")
     if isinstance(pose, Mapping) and {"R", "Translation"} <= pose.keys():  # rigidtform3d: columns
-        return {"R": pose["R"], "t": pose["Translation"]}
+        return {"rotation": pose["R"], "translation": pose["Translation"]}
     if isinstance(pose, Mapping) and "A" in pose:
-        return {"w2c": pose["A"]}
+        return {"pose": pose["A"]}
     raise HandtrackError(
         f"{where}: neither RotationOfCamera2 with TranslationOfCamera2, nor PoseCamera2 as a struct (R, Translation). {_HOW}"
     )
@@ -149,7 +149,7 @@ def _matlab_lens(part: Mapping[str, Any], where: str) -> dict[str, Any]:
     else:
         raise HandtrackError(f"{where}: neither K, nor IntrinsicMatrix, nor FocalLength. {_HOW}")
     from_zero = matrix - [[0, 0, 1], [0, 0, 1], [0, 0, 0]]
-    return {"K": from_zero, "dist": bent, **dict(size)}
+    return {"matrix": from_zero, "distortions": bent, **dict(size)}
 
 
 def read_bouguet(tree: Any, where: str) -> ImportedRig | None:
@@ -167,12 +167,12 @@ def read_bouguet(tree: Any, where: str) -> ImportedRig | None:
         if key in tree
     }
     cameras = []
-    for side, pose in (("left", {}), ("right", {"R": tree["R"], "t": tree["T"]})):
+    for side, pose in (("left", {}), ("right", {"rotation": tree["R"], "translation": tree["T"]})):
         focal, centre = (numbers_at(tree, f"{n}_{side}", where, (2,)) for n in ("fc", "cc"))
         matrix = camera_matrix(*focal.tolist(), *centre.tolist())
         if f"alpha_c_{side}" in tree:
             matrix[0, 1] = focal[0] * numbers_at(tree, f"alpha_c_{side}", where, (1,)).item()
-        lens = {"K": matrix, "dist": tree.get(f"kc_{side}", [])}
+        lens = {"matrix": matrix, "distortions": tree.get(f"kc_{side}", [])}
         if len(size) == 2 and np.abs(centre / [*size.values()] - 0.5).max() < _MIDDLE:
             lens |= size  # it is one camera's, and the other may be larger
         cameras.append(camera_of(lens | pose, None, f"{where}, {side} camera", False))
@@ -228,8 +228,8 @@ def _qualisys_camera(element: Element, where: str) -> ImportedCamera:
     matrix[0, 1] = skew
     turned = _attributes(transform, "r11 r12 r13 r21 r22 r23 r31 r32 r33", where).reshape(3, 3)
     rotation = _TO_OPENCV @ turned
-    pose = {"R": rotation, "t": -rotation @ _attributes(transform, "x y z", where)}
-    own = {"K": matrix, "dist": bent, "width": size[0], "height": size[1]}
+    pose = {"rotation": rotation, "translation": -rotation @ _attributes(transform, "x y z", where)}
+    own = {"matrix": matrix, "distortions": bent, "width": size[0], "height": size[1]}
     return camera_of(own | pose, element.get("serial") or None, where, True)
 
 
@@ -263,7 +263,13 @@ def read_splatting(tree: Any, where: str) -> ImportedRig | None:
         pose = np.column_stack([turned, numbers_at(table, "position", place, (3,))])
         sides = numbers([table["width"], table["height"]], f"{place}, width and height")
         lens = [table["fx"], table["fy"], *(0.5 * (sides - 1))]
-        own = {**table, "K": lens, "dist": np.zeros(5), "c2w": pose}
+        own = {
+            "width": table["width"],
+            "height": table["height"],
+            "matrix": lens,
+            "distortions": np.zeros(5),
+            "inverse": pose,
+        }
         cameras.append(camera_of(own, name.rsplit(".", 1)[0], place, True))
     return ImportedRig("cameras.json of Gaussian splatting", tuple(cameras), any_unit=True)
 
@@ -293,12 +299,12 @@ def read_nerf(tree: Any, where: str) -> ImportedRig | None:
         model = table.get("camera_model", "")
         keys = "k1 k2 k3 k4" if is_fisheye(model, place) else "k1 k2 p1 p2 k3"
         own = {
-            "K": lens - [0, 0, 0.5, 0.5],
-            "dist": [table.get(key, 0.0) for key in keys.split()],
+            "matrix": lens - [0, 0, 0.5, 0.5],
+            "distortions": [table.get(key, 0.0) for key in keys.split()],
             "model": model,
             "width": width,
             "height": height,
-            "c2w": pose * [1, -1, -1, 1],
+            "inverse": pose * [1, -1, -1, 1],
         }
         name = re.sub(r"\.\w+$", "", name.rsplit("/", 1)[-1])
         cameras.append(camera_of(own, name, place, True))
@@ -375,7 +381,7 @@ def read_colmap(folder: Path) -> ImportedRig:
         if not np.isfinite(pose).all() or not any(pose[:4]):
             raise HandtrackError(f"{where}: its pose is not of finite numbers.")
         rotation = matrix_from_quaternion(np.array(pose[:4]))
-        own = _colmap_lens(*lenses[number], where) | {"R": rotation, "t": pose[4:]}
+        own = _colmap_lens(*lenses[number], where) | {"rotation": rotation, "translation": pose[4:]}
         rig.append(camera_of(own, name, where, True))
     return ImportedRig("COLMAP model", tuple(rig), any_unit=True)
 
@@ -471,8 +477,13 @@ def _colmap_lens(
     focal, fisheye = given.get("f"), model.endswith("FISHEYE")
     keys = "k1 k2 k3 k4" if fisheye else "k1 k2 p1 p2 k3 k4 k5 k6"
     return {
-        "K": [given.get("fx", focal), given.get("fy", focal), given["cx"] - 0.5, given["cy"] - 0.5],
-        "dist": [given.get(key, 0.0) for key in keys.split()],
+        "matrix": [
+            given.get("fx", focal),
+            given.get("fy", focal),
+            given["cx"] - 0.5,
+            given["cy"] - 0.5,
+        ],
+        "distortions": [given.get(key, 0.0) for key in keys.split()],
         "fisheye": fisheye,
         "width": size[0],
         "height": size[1],
