@@ -92,13 +92,13 @@ def test_the_outline_of_a_board_that_is_cut_off_is_no_row_of_it():
 
 
 def test_a_board_larger_than_was_said_is_told():
-    view = BoardView(0, np.arange(9), np.zeros((9, 2)), 1.5)
+    view = BoardView(np.arange(9), np.zeros((9, 2)), 1.5)
     page = draw_board(BOARD, 3.0)
     refused(
         "larger.* 9 x 6",
         require_views,
         replace(BOARD, columns=8),
-        [CameraViews("a", (9, 9), (view,))],
+        [CameraViews("a", (9, 9), {("", 0): view})],
         lambda _: [page],
     )
 
@@ -129,8 +129,7 @@ def test_against_opencv_s_stereo_chessboard(data_dir):
     cameras = []
     for side in ("left", "right"):
         source = ImageFiles(sorted(folder.glob(f"{side}??.jpg")))
-        views, size, tried = search_views(source, BOARD, source.frames)
-        cameras.append(CameraViews(side, size, tuple(views), tried, str(folder)))
+        cameras.append(search_views(side, [(source, source.frames, False)], BOARD))
     assert [len(camera.shared) for camera in cameras] == [13, 13]
     found = calibrate_rig(BOARD, cameras)
     left, right = found.report["cameras"]
@@ -202,14 +201,14 @@ NOISE_PX = 0.1
 
 def views_of(camera, board, poses, rng, frames=None):
     """Return what a camera would find: corners with noise, where the whole board is in the image."""
-    found = []
+    found = {}
     for frame, pose in enumerate(poses):
         pixels = camera.project(board.points @ pose[:3, :3].T + pose[:3, 3])
         inside = ((pixels > 3) & (pixels < np.array(camera.size) - 4)).all()
         if inside and (frames is None or frame in frames):
             noisy = pixels + rng.normal(size=pixels.shape) * NOISE_PX
-            found.append(BoardView(frame, np.arange(len(pixels)), noisy, 1.5))
-    return CameraViews(camera.name, camera.size, tuple(found), len(poses), "simulated")
+            found["", frame] = BoardView(np.arange(len(pixels)), noisy, 1.5)
+    return CameraViews(camera.name, camera.size, found, len(poses), "simulated")
 
 
 POSES = board_poses(BOARD, 40, np.random.default_rng(7))
@@ -273,10 +272,10 @@ def test_a_board_that_looks_alike_when_turned_is_settled_by_agreement(rng):
     cameras = []
     for camera in RIG:
         seen = views_of(camera, board, poses, rng)
-        turned = tuple(
-            replace(view, ids=board.turns[1][view.ids]) if rng.random() < 0.5 else view
-            for view in seen.shared
-        )
+        turned = {
+            place: replace(view, ids=board.turns[1][view.ids]) if rng.random() < 0.5 else view
+            for place, view in seen.shared.items()
+        }
         cameras.append(replace(seen, views=turned))
     found = calibrate_rig(board, cameras)
     assert_same_rig(found, centre_mm=1.0)
@@ -285,10 +284,10 @@ def test_a_board_that_looks_alike_when_turned_is_settled_by_agreement(rng):
 
 def test_the_world_can_be_a_board(rng):
     cameras = [views_of(camera, BOARD, POSES[:12], rng) for camera in RIG]
-    frame = cameras[0].shared[0].frame
+    (_, frame), view = next(iter(cameras[0].shared.items()))
     found = calibrate_rig(BOARD, cameras, CalibrationSettings(world=f"board:{frame}"))
     seen = found.rig["a"].project(BOARD.points * [1, -1, 1])  # y up the print, z out of it
-    assert np.abs(seen - cameras[0].shared[0].pixels).max() < 0.6
+    assert np.abs(seen - view.pixels).max() < 0.6
     assert min(found.rig["a"].centre[2], found.rig["b"].centre[2]) > 0.2
     refused(
         "board:99.*a, b, c", calibrate_rig, BOARD, cameras, CalibrationSettings(world="board:99")

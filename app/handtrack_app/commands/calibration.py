@@ -5,7 +5,6 @@ from __future__ import annotations
 import glob
 from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -129,36 +128,27 @@ def _searched(inputs: _Inputs, board: Board, most: int) -> list[CameraViews]:
     """Return what each camera saw of the board."""
     shared = [sources["shared"] for sources in inputs.values() if "shared" in sources]
     shared_frames = frames_to_search(shared, most)
-    plans = [
-        (name, use, source, shared_frames if use == "shared" else frames_to_search([source], most))
+    plans = {
+        name: [
+            (
+                source,
+                shared_frames if use == "shared" else frames_to_search([source], most),
+                use == "alone",
+            )
+            for use, source in sources.items()
+        ]
         for name, sources in inputs.items()
-        for use, source in sources.items()
-    ]
-    total = sum(sum(source.has(frame) for frame in frames) for *_, source, frames in plans)
-    searched: dict[str, CameraViews] = {}
+    }
+    every = (part for searched in plans.values() for part in searched)
+    total = sum(source.has(frame) for source, frames, _ in every for frame in frames)
     with progress_bar(total, "looking for the board") as bar:
-        for name, use, source, frames in plans:
-            alone = use == "alone"
-            views, size, tried = search_views(source, board, frames, bar.update, alone)
-            if size is None:
-                raise HandtrackError(
-                    f"camera '{name}': no image could be read from {source.where}."
-                )
-            before = searched.get(name) or CameraViews(name, size, (), 0, source.where)
-            if before.size != size:
-                raise HandtrackError(
-                    f"camera '{name}': images for the lens alone are {size[0]} x {size[1]}, the others "
-                    f"{before.size[0]} x {before.size[1]}; expected one size."
-                )
-            both = (*before.views, *views)
-            searched[name] = replace(before, views=both, tried=tried + before.tried)
-    return list(searched.values())
+        return [search_views(name, plan, board, bar.update) for name, plan in plans.items()]
 
 
 def _some_images(sources: dict[str, FrameSource], camera: CameraViews) -> list[Array]:
     """Return three images of a camera, of those with the board where there are some."""
     use, source = next(iter(sources.items()))
-    seen = [view.frame for view in camera.views if view.alone == (use == "alone")]
+    seen = [frame for lens_of, frame in camera.views if bool(lens_of) == (use == "alone")]
     frames = seen or [frame for frame in source.frames if source.has(frame)]
     picked = [frames[i * (len(frames) - 1) // 2] for i in range(3)] if frames else []
     read = (source.read(frame) for frame in dict.fromkeys(picked))

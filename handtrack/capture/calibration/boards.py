@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -316,9 +316,8 @@ _LEAST_CORNERS = 8  # of a ChArUco board that is partly seen; a pose needs four,
 
 @dataclass(frozen=True)
 class BoardView:
-    """A board as one camera saw it in one frame."""
+    """A board as one camera saw it in one place."""
 
-    frame: int
     ids: Ints[N]
     """rows of the board's `points`."""
     pixels: Floats[N, D2]
@@ -326,8 +325,6 @@ class BoardView:
     """width of the board's edges [px]: about 2 in a sharp image."""
     source: str = ""
     """file or frame, for messages."""
-    alone: bool = False
-    """whether it is for the camera's lens alone; others are synchronised with the other cameras' by frame number."""
     pose: Floats[D4, D4] = field(default_factory=lambda: np.full((4, 4), np.nan))
     """T_camera_board; NaN before the lens was fitted."""
 
@@ -335,7 +332,6 @@ class BoardView:
 def find_board(
     image: Array[H, W, *Axes],
     board: Board,
-    frame: int = 0,
     source: str = "",
     thorough: bool = False,
 ) -> BoardView | None:
@@ -357,7 +353,7 @@ def find_board(
     # OpenCV 4's own refinement leaves half a pixel where markers are large; 5's does not
     side = float(min(_side_lengths(board, ids, pixels), default=0.0))
     pixels = _refined(gray, pixels, side * _free(board))
-    return BoardView(frame, ids, pixels, _blur(gray, board, ids, pixels), source)
+    return BoardView(ids, pixels, _blur(gray, board, ids, pixels), source)
 
 
 def _grey(image: Array) -> Bytes:
@@ -416,24 +412,12 @@ def _oriented(gray: Bytes, grid: Floats) -> Floats | None:
     The detectors number from either end. Where colours leave a choice, the numbering whose first
     corner is nearest to the image's upper left is taken. None when no numbering fits the colours.
     """
-    turned = [np.rot90(grid, k) for k in range(4)]
-    orientations = [
-        corners
-        for corners in (*turned, *(corners[:, ::-1] for corners in turned))
-        if corners.shape == grid.shape
-    ]
-    fitting = [
-        corners
-        for corners in orientations
-        if not _mirrored(corners) and _black_first(gray, corners)
-    ]
+    right, down = grid[:, -1] - grid[:, 0], grid[-1] - grid[0]
+    if np.linalg.det([right.mean(axis=0), down.mean(axis=0)]) < 0:  # mirrored
+        grid = grid[:, ::-1]
+    turned = (np.rot90(grid, k) for k in range(4))
+    fitting = [one for one in turned if one.shape == grid.shape and _black_first(gray, one)]
     return min(fitting, key=lambda corners: float(corners[0, 0].sum()), default=None)
-
-
-def _mirrored(grid: Floats) -> bool:
-    right = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0)
-    down = grid[-1].mean(axis=0) - grid[0].mean(axis=0)
-    return bool(np.linalg.det([right, down]) < 0)
 
 
 def _black_first(gray: Bytes, grid: Floats) -> bool:
@@ -501,6 +485,11 @@ _BLURRED = 1.6  # times the camera's median edge width: left out where there are
 _THOROUGH_UP_TO = 60  # images: more is a video, where one view less does not matter
 
 
+Place = tuple[str, int]
+"""where a board stood: of a view that is for the lens alone its camera's name, else an empty one; and the frame, which is another
+camera's too"""
+
+
 @dataclass(frozen=True)
 class CameraViews:
     """What one camera saw of the board."""
@@ -508,16 +497,16 @@ class CameraViews:
     name: str
     size: tuple[int, int]
     """width, height [px]."""
-    views: tuple[BoardView, ...]
+    views: Mapping[Place, BoardView]
     tried: int = 0
     """images that were searched"""
     where: str = ""
     """files, for messages"""
 
     @property
-    def shared(self) -> list[BoardView]:
+    def shared(self) -> dict[Place, BoardView]:
         """Views that are synchronised with the other cameras'."""
-        return [view for view in self.views if not view.alone]
+        return {place: view for place, view in self.views.items() if not place[0]}
 
 
 def frames_to_search(sources: Iterable[FrameSource], most: int) -> range:
@@ -527,50 +516,53 @@ def frames_to_search(sources: Iterable[FrameSource], most: int) -> range:
 
 
 def search_views(
-    source: FrameSource,
+    name: str,
+    searched: Iterable[tuple[FrameSource, Iterable[int], bool]],
     board: Board,
-    frames: Iterable[int],
     progress: Callable[[], object] = lambda: None,
-    alone: bool = False,
-) -> tuple[list[BoardView], tuple[int, int] | None, int]:
-    """Return the views of the board in a source, the image size and how many images there were.
+) -> CameraViews:
+    """Return the views of the board that one camera has.
 
     Parameters
     ----------
+    searched
+        Its sources, the frames of each, and whether they are for the camera's lens alone.
     progress
         Called after each image; it may raise to stop.
-    alone
-        Whether they are for the camera's lens alone.
 
     Raises
     ------
     HandtrackError
-        When images of one camera differ in size.
+        When images of the camera differ in size, or a source has none.
     """
-    frames = [frame for frame in frames if source.has(frame)]
-    thorough = len(frames) <= _THOROUGH_UP_TO
-    views: list[BoardView] = []
+    views = dict[Place, BoardView]()
     size: tuple[int, int] | None = None
-    first, tried = "", 0
-    for frame in frames:
-        image = source.read(frame)
-        progress()
-        if image is None:
-            continue
-        tried += 1
-        here = _name(source, frame)
-        found = (image.shape[1], image.shape[0])
-        if size is not None and found != size:
-            raise HandtrackError(
-                f"{here} is {found[0]} x {found[1]}, but {first} of the same camera is {size[0]} x "
-                f"{size[1]}; expected one size, that of the recordings to be tracked. Leave the "
-                "others out."
-            )
-        size, first = found, first or here
-        view = find_board(image, board, frame, here, thorough)
-        if view is not None:
-            views.append(replace(view, alone=alone))
-    return views, size, tried
+    first, tried, where = "", 0, ""
+    for source, frames, alone in searched:
+        frames = [frame for frame in frames if source.has(frame)]
+        before, where = tried, where or source.where
+        for frame in frames:
+            image = source.read(frame)
+            progress()
+            if image is None:
+                continue
+            tried += 1
+            here = _name(source, frame)
+            found = (image.shape[1], image.shape[0])
+            if size is not None and found != size:
+                raise HandtrackError(
+                    f"{here} is {found[0]} x {found[1]}, but {first} of the same camera is {size[0]} x "
+                    f"{size[1]}; expected one size, that of the recordings to be tracked. Leave the "
+                    "others out."
+                )
+            size, first = found, first or here
+            view = find_board(image, board, here, len(frames) <= _THOROUGH_UP_TO)
+            if view is not None:
+                views[name if alone else "", frame] = view
+        if tried == before:
+            raise HandtrackError(f"camera '{name}': no image could be read from {source.where}.")
+    assert size is not None, "a camera has a source"
+    return CameraViews(name, size, views, tried, where)
 
 
 def _name(source: FrameSource, frame: int) -> str:
@@ -592,38 +584,38 @@ def choose_views(cameras: Sequence[CameraViews], most: int) -> list[CameraViews]
     Frames are chosen once for all cameras, so that views stay common ones.
     """
     sharp = [_without_blurred(camera) for camera in cameras]
-    frames = _spread_frames(sharp, most)
+    places = _spread_places(sharp, most)
     chosen = []
     for camera in sharp:
-        shared = [view for view in camera.shared if view.frame in frames]
-        alone = [view for view in camera.views if view.alone]
-        chosen.append(replace(camera, views=(*shared, *_spread(camera, alone, most))))
+        shared = {place: view for place, view in camera.shared.items() if place in places}
+        alone = {place: view for place, view in camera.views.items() if place[0]}
+        chosen.append(replace(camera, views=shared | _spread(camera, alone, most)))
     return chosen
 
 
 def _without_blurred(camera: CameraViews) -> CameraViews:
     if len(camera.views) < 12:
         return camera  # too few to be choosy
-    limit = _BLURRED * float(np.median([view.blur_px for view in camera.views]))
-    return replace(camera, views=tuple(v for v in camera.views if v.blur_px <= limit))
+    limit = _BLURRED * float(np.median([view.blur_px for view in camera.views.values()]))
+    return replace(camera, views={p: v for p, v in camera.views.items() if v.blur_px <= limit})
 
 
-def _spread_frames(cameras: Sequence[CameraViews], most: int) -> set[int]:
-    """Return frames such that each camera has up to `most`; frames that more cameras see go first."""
-    seen = Counter(view.frame for camera in cameras for view in camera.shared)
-    frames: set[int] = set()
+def _spread_places(cameras: Sequence[CameraViews], most: int) -> set[Place]:
+    """Return shared places such that each camera has up to `most`; those that more cameras see go first."""
+    seen = Counter(place for camera in cameras for place in camera.shared)
+    places: set[Place] = set()
     # first per number of cameras: what all see binds the rig together
     for camera in sorted(cameras, key=lambda c: len(c.shared)):
-        weight = np.array([seen[view.frame] for view in camera.shared], dtype=float)
-        frames |= {v.frame for v in _spread(camera, camera.shared, most, frames, weight)}
+        weight = np.array([seen[place] for place in camera.shared], dtype=float)
+        places |= _spread(camera, camera.shared, most, places, weight).keys()
     for camera in cameras:  # others' choices may have brought more than wanted
-        extra = [view.frame for view in camera.shared if view.frame in frames]
+        extra = [place for place in camera.shared if place in places]
         if len(extra) > 2 * most:
-            frames -= {f for f in extra[:: max(2, len(extra) // most)] if seen[f] == 1}
-    return frames
+            places -= {p for p in extra[:: max(2, len(extra) // most)] if seen[p] == 1}
+    return places
 
 
-def _descriptions(camera: CameraViews, views: Sequence[BoardView]) -> Floats:
+def _descriptions(camera: CameraViews, views: Collection[BoardView]) -> Floats:
     """Return (V, 6) what matters in a view: place, size, tilt; each about 0 to 1."""
     rows = []
     for view in views:
@@ -639,16 +631,16 @@ def _descriptions(camera: CameraViews, views: Sequence[BoardView]) -> Floats:
 
 def _spread(
     camera: CameraViews,
-    views: Sequence[BoardView],
+    views: Mapping[Place, BoardView],
     most: int,
-    have: Collection[int] = (),
+    have: Collection[Place] = (),
     weight: Array[N] | float = 1.0,
-) -> list[BoardView]:
-    """Return up to `most` views, each next one the farthest from all before, begun with those of the frames that there are."""
+) -> dict[Place, BoardView]:
+    """Return up to `most` views, each next one the farthest from all before, begun with those in the places that there are."""
     if len(views) <= most:
-        return list(views)
-    rows = _descriptions(camera, views)
-    chosen = [i for i, view in enumerate(views) if view.frame in have]
+        return dict(views)
+    rows, places = _descriptions(camera, views.values()), list(views)
+    chosen = [i for i, place in enumerate(places) if place in have]
     if not chosen:
         off = np.linalg.norm(rows - np.median(rows, axis=0), axis=1)
         chosen = [int(np.argmax(weight - 0.1 * off))]
@@ -659,7 +651,7 @@ def _spread(
         if distance[best] <= 0:
             break
         chosen.append(best)
-    return [views[i] for i in chosen]
+    return {places[i]: views[places[i]] for i in chosen}
 
 
 def require_views(
@@ -680,7 +672,7 @@ def require_views(
         if larger is not None:
             raise HandtrackError(
                 f"the board is larger than {board.text}: camera '{cameras[0].name}' sees squares beyond its edge "
-                f"({cameras[0].views[0].source}); it looks like {larger.columns} x {larger.rows}. Count all inner corners, "
+                f"({next(iter(cameras[0].views.values())).source}); it looks like {larger.columns} x {larger.rows}. Count all inner corners, "
                 "where four squares meet."
             )
         return

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from handtrack.arrays import D2, D3, D4, D6, D9, Array, C, Floats, K, N
-from handtrack.capture.calibration.boards import Board, BoardView, CameraViews, choose_views
+from handtrack.capture.calibration.boards import Board, BoardView, CameraViews, Place, choose_views
 from handtrack.capture.calibration.bundle_adjustment import (
     LENS,
     Corners,
@@ -69,10 +69,6 @@ class RigCalibration:
     """per camera and view: seen − predicted [px]"""
 
 
-_Placed = tuple[str, int]
-"""where a board stood: the frame, and of a view for the lens alone its camera before that, else an empty name"""
-
-
 def calibrate_rig(
     board: Board,
     cameras: Sequence[CameraViews],
@@ -104,7 +100,7 @@ def calibrate_rig(
     T_new_world = _new_world(settings.world, used, camera, T_world_board)
     rig = _rig(used, lens, camera, np.linalg.inv(T_new_world))
     T_world_board = {f: np.asarray(T_new_world @ p, float) for f, p in T_world_board.items()}
-    lengths = [len(view.ids) for camera in used for view in camera.views]
+    lengths = [len(view.ids) for camera in used for view in camera.views.values()]
     every = residuals(state, corners)
     pieces = iter(np.split(every, np.cumsum(lengths)[:-1]))
     left = tuple(tuple(islice(pieces, len(camera.views))) for camera in used)
@@ -141,7 +137,7 @@ def _contradiction(
 ) -> str:
     """Return what to say of two cameras whose common views contradict one another."""
     poses = {
-        camera.name: {view.frame: pose_of_view(view, board, lens) for view in camera.shared}
+        camera.name: {f: pose_of_view(view, board, lens) for (_, f), view in camera.shared.items()}
         for camera, lens in zip(cameras, lenses)
         if camera.name in pair
     }
@@ -177,12 +173,12 @@ def _fit_lens(
     if known is not None or good.all() or good.sum() < _LEAST_VIEWS:
         return fit
     warnings += [
-        f"camera '{camera.name}': left out {view.source or f'frame {view.frame}'}, which misses the "
+        f"camera '{camera.name}': left out {view.source or f'frame {frame}'}, which misses the "
         f"board by {error:.1f} px (the others {np.median(errors[good]):.2f} px)."
-        for view, error, fine in zip(camera.views, errors, good)
+        for ((_, frame), view), error, fine in zip(camera.views.items(), errors, good)
         if not fine
     ]
-    fitting = replace(camera, views=tuple(compress(camera.views, good)))
+    fitting = replace(camera, views=dict(compress(camera.views.items(), good)))
     return _cv2_fit(board, fitting, settings)[0]
 
 
@@ -201,8 +197,8 @@ def _cv2_fit(
     board: Board, camera: CameraViews, settings: CalibrationSettings
 ) -> tuple[tuple[CameraViews, Floats[D9], float], Floats[N]]:
     """Return what `_fit_lens` does, of all views, and each one's error."""
-    points = [board.points[view.ids].astype(np.float32) for view in camera.views]
-    pixels = [view.pixels.astype(np.float32).reshape(-1, 1, 2) for view in camera.views]
+    points = [board.points[view.ids].astype(np.float32) for view in camera.views.values()]
+    pixels = [view.pixels.astype(np.float32).reshape(-1, 1, 2) for view in camera.views.values()]
     flags = 0 if settings.k3 else cv2.CALIB_FIX_K3
     flags |= 0 if settings.tangential else cv2.CALIB_ZERO_TANGENT_DIST
     lens, known = (None, None), settings.known.get(camera.name)
@@ -221,10 +217,10 @@ def _cv2_fit(
             f"camera '{camera.name}': its lens cannot be determined from {len(points)} views ({error.err}). "
             "They may all be square on to the camera; record tilted ones too."
         ) from None
-    poses = [_pose_matrix(np.ravel(pose).astype(float)) for pose in zip(turns, shifts)]
-    views = (replace(view, pose=pose) for view, pose in zip(camera.views, poses, strict=True))
+    poses = (_pose_matrix(np.ravel(pose).astype(float)) for pose in zip(turns, shifts))
+    views = {p: replace(v, pose=pose) for (p, v), pose in zip(camera.views.items(), poses)}
     numbers = np.array([*matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *np.ravel(distortions)[:5]])
-    return (replace(camera, views=tuple(views)), numbers, float(rms_px)), np.ravel(errors)
+    return (replace(camera, views=views), numbers, float(rms_px)), np.ravel(errors)
 
 
 def _known_lens(camera: CameraViews, known: Camera) -> tuple[Array[D3, D3], Array[K]]:
@@ -243,23 +239,18 @@ def _known_lens(camera: CameraViews, known: Camera) -> tuple[Array[D3, D3], Arra
     return known.matrix.copy(), distortions
 
 
-def _assembled(board: Board, cameras: Sequence[CameraViews], boards: list[_Placed]) -> Corners:
+def _assembled(board: Board, cameras: Sequence[CameraViews], boards: list[Place]) -> Corners:
     """Return all corners in one list, views numbered as `boards` has them."""
     number = {placed: v for v, placed in enumerate(boards)}
     seen = [
         (c, number[place], view)
         for c, camera in enumerate(cameras)
-        for place, view in _by_place(camera).items()
+        for place, view in camera.views.items()
     ]
     count = [len(view.ids) for _, _, view in seen]
     camera, number_of_view = np.repeat([(c, v) for c, v, _ in seen], count, axis=0).T
     points = np.concatenate([board.points[view.ids] for _, _, view in seen])
     return Corners(camera, number_of_view, points, np.concatenate([v.pixels for _, _, v in seen]))
-
-
-def _by_place(camera: CameraViews) -> dict[_Placed, BoardView]:
-    """Return a camera's views by where the board stood: other cameras' in one place are of one frame."""
-    return {(camera.name if view.alone else "", view.frame): view for view in camera.views}
 
 
 def _rig(
@@ -343,9 +334,9 @@ def pose_of_view(view: BoardView, board: Board, lens: Floats[D9]) -> Floats[D4, 
     return _transform(cv2.Rodrigues(turn)[0], np.ravel(shift))
 
 
-def common_places(a: CameraViews, b: CameraViews) -> list[_Placed]:
+def common_places(a: CameraViews, b: CameraViews) -> list[Place]:
     """Return the frames in which both cameras saw the board, ascending."""
-    return sorted(_by_place(a).keys() & _by_place(b).keys())
+    return sorted(a.views.keys() & b.views.keys())
 
 
 def place_cameras(
@@ -353,7 +344,7 @@ def place_cameras(
 ) -> tuple[
     list[CameraViews],
     Floats[C, D4, D4],
-    dict[_Placed, Floats[D4, D4]],
+    dict[Place, Floats[D4, D4]],
     dict[tuple[str, str], float],
 ]:
     """Return all cameras in the first one's frame: their views, of a board that looks alike when turned renumbered to agree;
@@ -366,7 +357,7 @@ def place_cameras(
     edges = {(i, j): common_places(cameras[i], cameras[j]) for i, j in pairs}
     _require_connected(cameras, edges)
     turns = _turn_transforms(board)
-    poses = [{place: v.pose for place, v in _by_place(c).items()} for c in cameras]
+    poses = [{place: v.pose for place, v in c.views.items()} for c in cameras]
     placed: dict[int, Floats] = {0: np.eye(4)}
     boards = dict(poses[0])
     renumbered = [*cameras]
@@ -384,7 +375,7 @@ def place_cameras(
         placed[new] = T_new_near @ placed[near]
         expected = {place: placed[new] @ pose for place, pose in boards.items()}
         renumbered[new] = _renumbered(cameras[new], expected, turns, board)
-        for place, view in _by_place(renumbered[new]).items():
+        for place, view in renumbered[new].views.items():
             poses[new][place] = view.pose
             boards.setdefault(place, np.linalg.inv(placed[new]) @ view.pose)
     T_camera_world = np.stack([placed[i] for i in range(len(cameras))])
@@ -415,7 +406,7 @@ def frame_offset(
 
 
 def _require_connected(
-    cameras: Sequence[CameraViews], edges: dict[tuple[int, int], list[_Placed]]
+    cameras: Sequence[CameraViews], edges: dict[tuple[int, int], list[Place]]
 ) -> None:
     shared = np.zeros((len(cameras),) * 2, dtype=bool)
     for pair, common in edges.items():
@@ -472,11 +463,11 @@ def _disagreements(pose: Floats, others: Floats, distance: float) -> Floats:
 
 
 def _renumbered(
-    camera: CameraViews, expected: Mapping[_Placed, Floats], turns: list[Floats], board: Board
+    camera: CameraViews, expected: Mapping[Place, Floats], turns: list[Floats], board: Board
 ) -> CameraViews:
     """Return the camera's views numbered as the boards already placed are expected; poses are turned along."""
-    views = []
-    for place, view in _by_place(camera).items():
+    views = dict[Place, BoardView]()
+    for place, view in camera.views.items():
         there = expected.get(place)
         if there is not None:
             poses = view.pose @ np.stack(turns)
@@ -484,8 +475,8 @@ def _renumbered(
             best = int(_disagreements(there, poses, distance).argmin())
             ids = np.argsort(board.turns[best])[view.ids]
             view = replace(view, ids=ids, pose=poses[best])
-        views.append(view)
-    return replace(camera, views=tuple(views))
+        views[place] = view
+    return replace(camera, views=views)
 
 
 # ---- what a calibration is worth, in numbers and plain words
@@ -552,7 +543,7 @@ def camera_report(
         Residuals of each view.
     """
     views = used.views
-    pixels = np.concatenate([view.pixels for view in views])
+    pixels = np.concatenate([view.pixels for view in views.values()])
     cell = np.floor(pixels / np.array(used.size) * _GRID).astype(int)
     covered = {tuple(c) for c in cell if (c >= 0).all() and (c < _GRID).all()}
     return {
@@ -568,13 +559,13 @@ def camera_report(
         **dict(zip(("skew_px", "skew_std_px"), skew.tolist())),
         "views": [
             {
-                "frame": view.frame,
+                "frame": frame,
                 "source": view.source,
                 "rms_px": _rms(off),
                 "max_px": float(np.linalg.norm(off, axis=1).max()),
-                "alone": view.alone,
+                "alone": bool(of_lens),
             }
-            for view, off in zip(views, left, strict=True)
+            for ((of_lens, frame), view), off in zip(views.items(), left, strict=True)
         ],
     }
 

@@ -134,7 +134,7 @@ def _outline(board: Board) -> Floats:
 def draw_residuals(calibration: RigCalibration) -> Array[H, W, D3]:
     """Return one picture with a panel a camera: each corner, and 50 times how far it was missed."""
     panels = [
-        _residual_panel(camera, [v.pixels for v in seen.views], left, told["rms_px"])
+        _residual_panel(camera, [v.pixels for v in seen.views.values()], left, told["rms_px"])
         for camera, seen, left, told in zip(
             calibration.rig,
             calibration.cameras,
