@@ -42,13 +42,24 @@ def write(path: Path, table: ResultsTable) -> None:
     skeleton of the user's own.
     """
     people, names = _people(table)
+    _write(path, table, {"version": 1.3}, names, [{"people": those} for those in people])
+
+
+def _write(
+    path: Path,
+    table: ResultsTable,
+    head: dict[str, Any],
+    names: tuple[str, ...],
+    frames: list[dict[str, Any]],
+) -> None:
+    """Write all frames to one file. frames: what stands in each beside its number and time."""
     track = table.track
-    frames = [
-        {"frame": int(frame), "time_s": float(time_s), "people": those}
-        for frame, time_s, those in zip(track.frame, track.time_s, people, strict=True)
+    rows = [
+        {"frame": int(frame), "time_s": float(time_s), **own}
+        for frame, time_s, own in zip(track.frame, track.time_s, frames, strict=True)
     ]
-    entry: dict[str, Any] = {"version": 1.3, "unit": "m", "names": list(names)}
-    entry |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
+    entry = {**head, "unit": "m", "names": list(names)}
+    entry |= {"keypoint_definition": table.keypoint_definition, "frames": rows}
     replace_text(path, json.dumps(entry) + "\n")
 
 
@@ -127,21 +138,18 @@ def write_mediapipe(path: Path, table: ResultsTable) -> None:
     names, points, sure = _ordered_points(table, POSE_33)
     body = names is POSE_33
     key = "pose_world_landmarks" if body else "hand_world_landmarks"
-    track, side = table.track, table.track.side.capitalize()
+    side = table.track.side.capitalize()
     frames: list[dict[str, Any]] = []
     for row, lost in enumerate(table.is_lost):
         marks = [
             {**dict(zip("xyz", (round(float(x), 6) for x in point))), "visibility": float(seen)}
             for point, seen in zip(points[row], sure[row], strict=True)
         ]
-        frame: dict[str, Any] = {"frame": int(track.frame[row]), "time_s": float(track.time_s[row])}
-        frame[key] = [] if lost else [marks]
+        frame: dict[str, Any] = {key: [] if lost else [marks]}
         if not body:
             frame["handedness"] = [] if lost else [[{"category_name": side, "score": 1.0}]]
         frames.append(frame)
-    entry: dict[str, Any] = {"unit": "m", "names": list(names)}
-    entry |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
-    replace_text(path, json.dumps(entry) + "\n")
+    _write(path, table, {}, names, frames)
 
 
 # ---- `.pose` of pose-format, in which sign language research keeps skeletons: MediaPipe's points in space

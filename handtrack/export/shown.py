@@ -480,11 +480,8 @@ def curves(time_s: Floats[F], values: Mapping[str, Floats[F]], unit: str) -> str
         parts.append(f'<text x="{at:.1f}" y="{HEIGHT - 5}" text-anchor="middle">{tick:g} s</text>')
     for k, column in enumerate(values.values()):
         y = _TOP + (high - column) / (high - low) * span
-        line, before = "", False
-        for across, down in zip(x, y, strict=True):
-            known = bool(np.isfinite(down))
-            line += f"{'L' if before else 'M'}{across:.1f} {down:.1f}" if known else ""
-            before = known
+        places = [f"{across:.1f} {down:.1f}" for across, down in zip(x, y, strict=True)]
+        line = "".join(f"M{'L'.join(places[a:b])}" for a, b in runs(np.isfinite(y)))
         parts.append(f'<path d="{line}" fill="none" stroke="{_colour(k)}"/>')
     named = "".join(
         f'<span><i style="background:{_colour(k)}"></i>{html.escape(name)}</span>'

@@ -468,17 +468,12 @@ def _blur(gray: Bytes, board: Board, ids: Ints, pixels: Floats) -> float:
 
 def _side_lengths(board: Board, ids: Ints, pixels: Floats) -> Floats[N]:
     """Return the lengths of squares' sides [px] whose two corners were found."""
-    place = {
-        tuple(np.round(board.points[i, :2] / board.square_m).astype(int)): p
-        for i, p in zip(ids, pixels)
-    }
-    sides = [
-        place[near] - p
-        for (column, row), p in place.items()
-        for near in ((column + 1, row), (column, row + 1))
-        if near in place
-    ]
-    return np.linalg.norm(np.reshape(sides, (-1, 2)), axis=1)
+    column, row = np.round(board.points[ids, :2] / board.square_m).astype(int).T
+    grid = np.full((row.max() + 1, column.max() + 1, 2), np.nan)
+    grid[row, column] = pixels
+    sides = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1).ravel() for axis in (0, 1))
+    lengths = np.concatenate([*sides])
+    return lengths[np.isfinite(lengths)]
 
 
 _BLURRED = 1.6  # times the camera's median edge width: left out where there are enough others

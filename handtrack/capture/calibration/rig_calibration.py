@@ -29,7 +29,7 @@ from handtrack.capture.calibration.bundle_adjustment import (
 from handtrack.capture.calibration.formats.imported_rig import five_or_more
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig, camera_matrix
-from handtrack.geometry.rotation import rotation_matrix, rotation_vector, turn_between
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector, turn_between, turned_by
 
 _LEAST_VIEWS = 3
 _APART = 0.03  # share of the board's distance; rightly matched views agree to some thousandths
@@ -456,8 +456,7 @@ def _agreed(news: list[Floats], nears: list[Floats], turns: list[Floats]) -> tup
 
 def _disagreements(pose: Floats, others: Floats, distance: float) -> Floats:
     """Return how far poses (..., 4, 4) are from one, as a share of the distance to the board."""
-    trace = np.einsum("ij,...ij->...", pose[:3, :3], others[..., :3, :3])
-    angle = np.arccos(np.clip((trace - 1) / 2, -1, 1))
+    angle = turned_by(pose[:3, :3], others[..., :3, :3])
     shift = np.linalg.norm(others[..., :3, 3] - pose[:3, 3], axis=-1) / distance
     return _TURN_M * angle + shift
 

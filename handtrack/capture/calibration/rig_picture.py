@@ -29,9 +29,11 @@ _MAGNIFIED = 50  # times a residual is drawn
 
 def draw_calibration(calibration: RigCalibration, board: Board) -> Array[H, W, D3]:
     """Return a picture of a calibration's cameras and boards."""
-    outline = _outline(board)
-    boards = [outline @ pose[:3, :3].T + pose[:3, 3] for pose in calibration.T_world_board.values()]
-    return draw_rig(calibration.rig, [np.concatenate([board, board[:1]]) for board in boards])
+    low, high = board.points.min(axis=0), board.points.max(axis=0)
+    around = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]])
+    outline = low + around * (high - low) + (2 * around - [1, 1, 0]) * board.square_m
+    places = calibration.T_world_board.values()
+    return draw_rig(calibration.rig, [outline @ T[:3, :3].T + T[:3, 3] for T in places])
 
 
 def draw_rig(
@@ -122,13 +124,6 @@ def _draw_scale(panel: Array, zoom: float) -> None:
     end = 12 + round(metres * zoom)
     cv2.line(panel, (12, _PANEL - 16), (end, _PANEL - 16), _INK, 2)
     _write(panel, f"{metres * 1e3:g} mm", (end + 8, _PANEL - 11), _INK)
-
-
-def _outline(board: Board) -> Floats:
-    low, high = board.points.min(axis=0), board.points.max(axis=0)
-    edge = board.square_m
-    (x0, y0), (x1, y1) = low[:2] - edge, high[:2] + edge
-    return np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
 
 
 def draw_residuals(calibration: RigCalibration) -> Array[H, W, D3]:

@@ -93,18 +93,21 @@ def surface_pixels(
     support
         neighbours of eight, on the same surface, that a pixel needs
     """
-    depth = np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0.0).astype(np.float32)
+    depth = np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0.0)
+    depth = np.pad(depth.astype(np.float32), 1)  # around it there is no measurement
     slope = np.float32(np.tan(np.radians(grazing_deg)) / focal_px)
     supported = np.zeros(depth.shape, np.int8)
+    height, width = depth_m.shape
+    here = slice(1, -1), slice(1, -1)
     for down, right in _NEIGHBOURS:
-        here, there = _overlap(down, right)
+        there = slice(1 + down, 1 + down + height), slice(1 + right, 1 + right + width)
         a, b = depth[here], depth[there]
         limit = np.minimum(a, b) * (jump_share + slope * np.hypot(down, right))
         # 0 is no measurement: the limit is 0 beside it, and of two of them the last line takes neither
         together = np.abs(a - b) <= limit
         supported[here] += together
         supported[there] += together
-    return (supported >= support) & (depth > 0)
+    return ((supported >= support) & (depth > 0))[here]
 
 
 def depth_cloud(
@@ -158,11 +161,3 @@ def _directions(camera: Camera) -> Floats:
     directions = (straight - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
     directions.flags.writeable = False
     return directions
-
-
-def _overlap(down: int, right: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return the slices of an image and of itself shifted, where both exist."""
-    rows, moved_rows = slice(0, -down or None), slice(down, None)
-    if right >= 0:
-        return (rows, slice(0, -right or None)), (moved_rows, slice(right, None))
-    return (rows, slice(-right, None)), (moved_rows, slice(0, right))

@@ -144,11 +144,9 @@ def named_bodies(names: Sequence[str]) -> dict[int, int] | None:
 
 def is_numbered(names: Iterable[str]) -> bool:
     """Return whether points have the numbers 0, 1, 2 … for names, as many as some body's layout has."""
-    words = [
-        re.sub(r"\D", "", name) if re.fullmatch(r"\D{0,10}\d+", name) else "" for name in names
-    ]
+    found = [re.fullmatch(r"\D{0,10}(\d+)", name) for name in names]
     counts = {layout.count for layout in BODY_LAYOUTS.values()}
-    return len(words) in counts and words == [str(i) for i in range(len(words))]
+    return len(found) in counts and all(m and m[1] == str(i) for i, m in enumerate(found))
 
 
 # ---- What a file says

@@ -143,7 +143,7 @@ def read_json_joints(frames: Iterable[_Frame], where: str) -> ImportedJoints | N
         programs.add(_program(entry))
         numbers.add(frame)
         is_numbered |= "frame_id" in entry
-        found = _detected(_by_side(entry), f"{where}: frame {frame}")
+        found = _detected(entry, f"{where}: frame {frame}")
         detected += [(frame, part, points) for part, points in found]
     is_mediapipe, is_openpose = _OF_MEDIAPIPE in programs, programs == {_OF_OPENPOSE}
     if not (detected or is_mediapipe or is_openpose):
@@ -236,35 +236,16 @@ def _number(entry: Mapping[str, Any], otherwise: int, where: str) -> int:
     return otherwise
 
 
-def _by_side(entry: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a frame whose landmarks stand by side, each as columns of numbers by point, as MediaPipe writes a frame."""
-    sides = entry.get("landmarks")
-    if (
-        not isinstance(sides, Mapping)
-        or not sides
-        or not all(str(k).lower() in _MIRRORED for k in sides)
-    ):
-        return entry
-    hands = [_in_rows(hand) for hand in sides.values()]
-    return {**entry, "landmarks": hands, "handedness": [str(side) for side in sides]}
-
-
-def _in_rows(hand: Any) -> Any:
-    if not isinstance(hand, Mapping) or not all(
-        isinstance(hand.get(k), Mapping | list) for k in "xy"
-    ):
-        return hand
-    columns = [list(hand[k].values()) if isinstance(hand[k], Mapping) else hand[k] for k in "xy"]
-    return [list(row) for row in zip(*columns, strict=False)]
-
-
 def _detected(entry: Mapping[str, Any], where: str) -> Iterator[tuple[str, BodyPoints]]:
     """Yield the hands and bodies of a frame, each with the side that stands with it, or as a body."""
     said = next((entry[k] for k in _SIDES if k in entry), [])
-    labels = [side_in(str(one)) for one in (said if isinstance(said, list) else [said])]
     for keys in (_MEDIAPIPE, _POSE):
-        for i, one in enumerate(_lists(next((entry[k] for k in keys if k in entry), []))):
-            is_pose = isinstance(one, list) and len(one) == _POSE_POINTS
+        found = next((entry[k] for k in keys if k in entry), [])
+        if isinstance(found, Mapping) and all(map(side_in, map(str, found))):
+            said, found = list(found), list(found.values())
+        labels = [side_in(str(one)) for one in (said if isinstance(said, list) else [said])]
+        for i, one in enumerate(_lists(found)):
+            is_pose = len(one) == _POSE_POINTS
             sure = [p.get("visibility", 1.0) if isinstance(p, Mapping) else 1.0 for p in one]
             points = _points(one, sure if is_pose else 1.0, where)
             if len(points) not in (len(JOINTS), _POSE_POINTS):
@@ -282,16 +263,31 @@ def _detected(entry: Mapping[str, Any], where: str) -> Iterator[tuple[str, BodyP
                     yield part, points
 
 
-def _lists(found: Any) -> list[Any]:
-    """Return the hands, or people, of a frame as lists of points: of a list of them, of one, or of one's points."""
-    several = found if isinstance(found, list) else [found]
-    people = [
-        one.get("landmark", one.get("landmarks", one)) if isinstance(one, Mapping) else one
-        for one in several
-    ]
-    lists = [one for one in people if isinstance(one, list) and one]
-    lists = [one for one in lists if isinstance(one[0], list | Mapping) or len(one) > 4]
-    return lists or ([found] if isinstance(found, list) and found else [])
+def _lists(found: Any, depth: int = 4) -> Iterator[list[Any]]:
+    """Yield the lists of points in a frame's landmarks: of a list of hands or people, of one, in tables, or as columns by axis."""
+    if isinstance(found, Mapping):
+        columns = [found.get(axis) for axis in "xy"]
+        if all(isinstance(column, Mapping | list) for column in columns):
+            lists = (c.values() if isinstance(c, Mapping) else c for c in columns)
+            yield [list(row) for row in zip(*lists)]
+        else:
+            found = found.get("landmark", found.get("landmarks"))
+    if isinstance(found, list) and found:
+        if _is_point(found[0]):
+            yield found
+        elif depth:
+            for one in found:
+                yield from _lists(one, depth - 1)
+
+
+def _is_point(value: Any) -> bool:
+    """Return whether a value is a point or a number of one, and no list of points."""
+    if isinstance(value, list):
+        return 0 < len(value) <= 4 and not isinstance(value[0], list | Mapping)
+    inner = value.get("x") if isinstance(value, Mapping) else value
+    return isinstance(inner, int | float | str) or (
+        isinstance(value, Mapping) and "position" in value
+    )
 
 
 def _points(values: Any, scores: Any, where: str) -> BodyPoints:

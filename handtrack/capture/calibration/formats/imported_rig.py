@@ -398,7 +398,9 @@ def camera_of(known: Known, name: str | None, where: str, posed: bool) -> Import
         )
     distortions = numbers(known["distortions"], f"{where}, distortion").ravel()
     if known.get("xi"):
-        raise _mirror(where)
+        raise HandtrackError(
+            f"{where}: `xi` is of an omnidirectional lens (Mei's), which is not read; undistort its images to a pinhole's."
+        )
     pose = _pose(known, where)
     if posed and pose is None:
         raise HandtrackError(
@@ -419,12 +421,6 @@ def camera_of(known: Known, name: str | None, where: str, posed: bool) -> Import
         distortions,
         *(pose or (np.eye(3), np.zeros(3))),
         None if lens_open else any(models),
-    )
-
-
-def _mirror(where: str) -> HandtrackError:
-    return HandtrackError(
-        f"{where}: `xi` is of an omnidirectional lens (Mei's), which is not read; undistort its images to a pinhole's."
     )
 
 
