@@ -71,15 +71,17 @@ def write_c3d(path: Path, table: ResultsTable) -> None:
     points[:3, :, table.is_lost] = np.nan  # ezc3d writes those as not seen
     residuals[:, :, table.is_lost] = -1.0
     file = ezc3d.c3d()
-    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["parameters"]["POINT"]["RATE"]["value"] = [float(table.fps)]
-    file["parameters"]["POINT"]["LABELS"]["value"] = [marker_name(n) for n in track.joint_names]
+    about = {
+        "UNITS": ["mm"],
+        "RATE": [float(table.fps)],
+        "LABELS": [marker_name(n) for n in track.joint_names],
+        "DESCRIPTIONS": [table.keypoint_definition] * points.shape[1],
+    }
+    for name, value in about.items():
+        file["parameters"]["POINT"][name]["value"] = value
     file.add_parameter("POINT", "X_SCREEN", ["+X"])  # as all that read it take it: z is up
     file.add_parameter("POINT", "Y_SCREEN", ["+Z"])
     file.add_parameter("MANUFACTURER", "SOFTWARE", ["handtrack"])
-    file["parameters"]["POINT"]["DESCRIPTIONS"]["value"] = [
-        table.keypoint_definition
-    ] * points.shape[1]
     file["header"]["points"]["first_frame"] = int(track.frame[0])  # ezc3d counts from 0, as we do
     file["header"]["points"]["last_frame"] = int(track.frame[-1])
     file["data"]["points"] = points

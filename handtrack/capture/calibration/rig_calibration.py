@@ -84,7 +84,8 @@ def calibrate_rig(
     fitted, lenses, rms_alone_px = zip(*fits)
     used, T_camera_world, boards, disagreement = place_cameras(fitted, board)
     corners = _assembled(board, used, list(boards))
-    poses = map(_pose_vector, [*T_camera_world, *boards.values()])
+    placed = np.stack([*T_camera_world, *boards.values()])
+    poses = np.column_stack([rotation_vector(placed[:, :3, :3]), placed[:, :3, 3]])
     start = np.concatenate([*lenses, *poses])
     apart = [pair for pair, off in disagreement.items() if off > _APART]
     free_lens = np.ones((len(used), len(LENS)), dtype=bool)
@@ -310,10 +311,6 @@ def _transform(rotation: Array[D3, D3], translation: Array[D3]) -> Floats[D4, D4
     matrix = np.eye(4)
     matrix[:3] = np.column_stack([rotation, translation])
     return matrix
-
-
-def _pose_vector(matrix: Floats) -> Floats:
-    return np.concatenate([rotation_vector(matrix[:3, :3]), matrix[:3, 3]])
 
 
 # ---- where cameras stand relative to one another, from boards that two of them saw in the same frame

@@ -80,13 +80,8 @@ class RectifiedPair:
         """Return world points [m] of left rectified pixels with their disparity [px]."""
         depth = self.depth_of(disparity)
         matrix = self.left.matrix
-        across = np.column_stack(
-            [
-                (columns - matrix[0, 2]) / matrix[0, 0],
-                (rows - matrix[1, 2]) / matrix[1, 1],
-                np.ones(len(depth)),
-            ]
-        )
+        flat = (np.column_stack([columns, rows]) - matrix[:2, 2]) / np.diag(matrix)[:2]
+        across = np.column_stack([flat, np.ones(len(depth))])
         return (across * depth[:, None]) @ self.left.rotation + self.left.centre
 
     def by_side(self, first: _T, second: _T) -> tuple[_T, _T]:
@@ -234,18 +229,13 @@ def correlate(
     """
     size = (window_px, window_px)
     (a, mean_a, scale_a), (b, mean_b, scale_b) = (_statistics(i, size) for i in (left, right))
-    best = np.full(a.shape, np.float32(_LEAST_SCORE))
-    best_right = best.copy()
-    found = np.full_like(a, np.nan, np.float32)
-    found_right = found.copy()
-    before = np.full_like(a, np.nan, np.float32)
-    after = before.copy()
-    last = np.full_like(a, np.nan, np.float32)
+    found, found_right, before, after, last = (np.full_like(a, np.nan) for _ in range(5))
+    best, best_right = (np.full_like(a, _LEAST_SCORE) for _ in range(2))
     width = a.shape[1]
     for d in range(least, most + 1):
         # only columns x with 0 <= x - d < width have a partner
         mine, theirs = slice(max(d, 0), width + min(d, 0)), slice(max(-d, 0), width - max(d, 0))
-        score = np.full_like(a, np.nan, np.float32)
+        score = np.full_like(a, np.nan)
         if mine.start < mine.stop:
             product = cv2.boxFilter(a[:, mine] * b[:, theirs], -1, size)
             product -= mean_a[:, mine] * mean_b[:, theirs]

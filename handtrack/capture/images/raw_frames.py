@@ -8,7 +8,6 @@ P''; both are interpolated along their sides, and the point between them. Red an
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -254,46 +253,40 @@ class MosaicFiles(ImageFiles):
         """
         super().__init__(paths, RAW, expected_size, where, in_order)
         self._pattern, self._method = pattern, method or METHODS[0]
-        self._white = self._said_white = white_level
-        self._mosaic_warnings: tuple[str, ...] = ()
-        self._looked = False
-        self._lock = threading.Lock()
+        self._said_white = white_level
+        self._seen: tuple[float, tuple[str, ...]] | None = None
+        """what `_look` found, once a file was read"""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        with self._lock:
-            return (*super().warnings, *self._mosaic_warnings)
+        return (*super().warnings, *(self._seen[1] if self._seen else ()))
 
     def read(self, frame: int) -> Bytes[H, W, D3] | None:
         """Return the image of a frame, None where there is none. Raises HandtrackError for what is no mosaic."""
         mosaic = super().read(frame)
         if mosaic is None:
             return None
-        self._look()
+        if self._seen is None:
+            self._seen = self._look()
         try:
             colour = demosaic(mosaic, self._pattern, self._method)
         except HandtrackError as error:
             raise HandtrackError(f"{self.path(frame)}: {error}") from None
         if colour.dtype == np.uint8 and self._said_white is None:
             return colour
-        return np.clip(colour * (_EIGHT_BIT / (self._white or 1.0)), 0, 255).astype(np.uint8)
+        return np.clip(colour * (_EIGHT_BIT / self._seen[0]), 0, 255).astype(np.uint8)
 
-    def _look(self) -> None:
-        """Find the white level and look for a wrong pattern, once, in the first readable file."""
-        with self._lock:
-            if self._looked:
-                return
-            self._looked = True
-            for frame in self.frames:
-                mosaic = super().read(frame)
-                if mosaic is None:
-                    continue
-                path = self.path(frame)
-                try:
-                    warnings = mosaic_warnings(mosaic, self._pattern)
-                except HandtrackError as error:
-                    raise HandtrackError(f"{path}: {error}") from None
-                self._mosaic_warnings = tuple(f"{path}: {text}" for text in warnings)
-                if self._white is None:
-                    self._white = max(float(np.percentile(mosaic, _WHITE_PERCENTILE)), 1.0)
-                return
+    def _look(self) -> tuple[float, tuple[str, ...]]:
+        """Return the white level, and what speaks against the pattern, by the first readable file."""
+        for frame in self.frames:
+            mosaic = super().read(frame)
+            if mosaic is None:
+                continue
+            path = self.path(frame)
+            try:
+                warnings = mosaic_warnings(mosaic, self._pattern)
+            except HandtrackError as error:
+                raise HandtrackError(f"{path}: {error}") from None
+            usual = max(float(np.percentile(mosaic, _WHITE_PERCENTILE)), 1.0)
+            return self._said_white or usual, tuple(f"{path}: {text}" for text in warnings)
+        return 1.0, ()

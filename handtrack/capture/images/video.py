@@ -258,29 +258,23 @@ class VideoFile:
         self._cache.put(frame, image, self._keep)
 
     def _seek(self, frame: int) -> None:
-        """Place the decoder a window before `frame`, at a proven checkpoint, or at the start unless it is before the frame."""
+        """Place the decoder at the last checkpoint a window before `frame`, where time stamp and content prove that it was reached; else
+        at the start, unless it is before the frame.
+        """
         after = self._next if self._next <= frame else 0
-        found = self._seek_checkpoint(frame - self._keep // 2, after)
-        if not found and not 0 <= self._next <= frame:  # an attempt loses the place
+        usable = (at for at in self._checkpoints if after < at <= frame - self._keep // 2)
+        if at := max(usable, default=0):
+            self._next = -1  # unknown until proven
+            if not self._capture.isOpened():
+                self._capture = self._open()
+            self._capture.set(cv2.CAP_PROP_POS_FRAMES, at)
+            good, image = self._capture.read()
+            if good and _checkpoint(self._capture, image) == self._checkpoints[at]:
+                self._next = at + 1
+                self._remember(at, image)
+                return
+            del self._checkpoints[at]
+        if not 0 <= self._next <= frame:  # an attempt loses the place
             self._capture.release()
             self._capture = self._open()
             self._next = 0
-
-    def _seek_checkpoint(self, frame: int, after: int) -> bool:
-        """Seek to the last checkpoint in (after, frame]; true when time stamp and content prove it
-        was reached."""
-        usable = [at for at in self._checkpoints if after < at <= frame]
-        if not usable:
-            return False
-        at = max(usable)
-        self._next = -1  # unknown until proven
-        if not self._capture.isOpened():
-            self._capture = self._open()
-        self._capture.set(cv2.CAP_PROP_POS_FRAMES, at)
-        good, image = self._capture.read()
-        if not good or _checkpoint(self._capture, image) != self._checkpoints[at]:
-            del self._checkpoints[at]
-            return False
-        self._next = at + 1
-        self._remember(at, image)
-        return True

@@ -98,7 +98,7 @@ class BackgroundMedian(Cleaning):
         """
         stack = np.stack([_lab(image) for image in sampled_images(source, self.samples)])
         median = np.empty(stack.shape[1:], np.float32)
-        limit = np.empty(stack.shape[1:], np.float32)
+        limit = np.empty_like(median)
         for row in range(0, stack.shape[1], _ROWS_AT_ONCE):
             part = slice(row, row + _ROWS_AT_ONCE)
             median[part] = np.median(stack[:, part], axis=0)

@@ -295,17 +295,11 @@ def read_nerf(tree: Any, where: str) -> ImportedRig | None:
         angle = numbers(table.get("camera_angle_x", 1.0), f"{place}, camera_angle_x", (1,)).item()
         fx = table.get("fl_x", 0.5 * width / math.tan(0.5 * angle))
         middle = table.get("cx", width / 2), table.get("cy", height / 2)
-        lens = numbers([fx, table.get("fl_y", fx), *middle], f"{place}, fl_x fl_y cx cy")
-        model = table.get("camera_model", "")
-        keys = "k1 k2 k3 k4" if is_fisheye(model, place) else "k1 k2 p1 p2 k3"
-        own = {
-            "matrix": lens - [0, 0, 0.5, 0.5],
-            "distortions": [table.get(key, 0.0) for key in keys.split()],
-            "model": model,
-            "width": width,
-            "height": height,
-            "inverse": pose * [1, -1, -1, 1],
-        }
+        lens = numbers([fx, table.get("fl_y", fx), *middle], f"{place}, fl_x fl_y cx cy").tolist()
+        model = str(table.get("camera_model", ""))
+        given = {**table, **dict(zip(("fx", "fy", "cx", "cy"), lens))}
+        size = {"model": model, "width": width, "height": height}
+        own = _lens(given, is_fisheye(model, place)) | size | {"inverse": pose * [1, -1, -1, 1]}
         name = re.sub(r"\.\w+$", "", name.rsplit("/", 1)[-1])
         cameras.append(camera_of(own, name, place, True))
     return ImportedRig("NeRF's transforms.json", tuple(cameras), any_unit=True)
@@ -474,17 +468,15 @@ def _colmap_lens(
             f"{where}: {len(parameters)} parameters; {model} has {', '.join(places)}."
         )
     given = dict(zip(places, parameters, strict=True))
-    focal, fisheye = given.get("f"), model.endswith("FISHEYE")
-    keys = "k1 k2 k3 k4" if fisheye else "k1 k2 p1 p2 k3 k4 k5 k6"
+    lens = _lens(given, model.endswith("FISHEYE"))
+    return lens | {"fisheye": model.endswith("FISHEYE"), "width": size[0], "height": size[1]}
+
+
+def _lens(given: Mapping[str, Any], is_fisheye: bool) -> dict[str, Any]:
+    """Return a lens by our names from parameters by COLMAP's, the first pixel's centre being (0.5, 0.5)."""
+    keys = "k1 k2 k3 k4" if is_fisheye else "k1 k2 p1 p2 k3 k4 k5 k6"
+    fx, fy = (given.get(key, given.get("f")) for key in ("fx", "fy"))
     return {
-        "matrix": [
-            given.get("fx", focal),
-            given.get("fy", focal),
-            given["cx"] - 0.5,
-            given["cy"] - 0.5,
-        ],
+        "matrix": [fx, fy, given["cx"] - 0.5, given["cy"] - 0.5],
         "distortions": [given.get(key, 0.0) for key in keys.split()],
-        "fisheye": fisheye,
-        "width": size[0],
-        "height": size[1],
     }
