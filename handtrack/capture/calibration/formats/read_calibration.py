@@ -101,9 +101,10 @@ def read_calibration(paths: Sequence[Path]) -> ImportedRig:
             if isinstance(known, Mapping) and isinstance(value, Mapping):
                 value = {**known, **value}
             merged[str(key)] = value
-    rig = read_tables(merged, " and ".join(map(str, paths)), paths[0].stem)
+    where = " and ".join(map(str, paths))
+    rig = read_tables(merged, where, paths[0].stem)
     if rig is None or len(rig.cameras) < 2:
-        raise _half(merged, " and ".join(map(str, paths))) or _unknown(paths[0])
+        raise _refusal(merged, where)
     return rig
 
 
@@ -111,7 +112,7 @@ def _by_camera(path: Path) -> Mapping[str, Any]:
     """Return the tables of a file; of rows with the camera in their keys: handpose3d's c0.dat and rot_trans_c0.dat are of `c0`."""
     form, content = _content(path)
     if not isinstance(content, Mapping):
-        raise _unknown(path)
+        raise _refusal(None, path)
     camera = re.search(r"[A-Za-z]+\d+$", path.stem)
     if form != "rows" or camera is None:
         return content
@@ -135,7 +136,7 @@ def _one(path: Path) -> ImportedRig:
     if rig is None and isinstance(content, Mapping | list):
         rig = read_tables(content, str(path), path.stem)
     if rig is None:
-        raise _half(content, str(path)) or _unknown(path, content)
+        raise _refusal(content, path)
     names = [camera.name for camera in rig.cameras if camera.name is not None]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -167,32 +168,27 @@ def _posed(
     return cameras
 
 
-def _half(content: Any, where: str) -> HandtrackError | None:
-    """Return what to say of a file that holds lenses or poses alone; None for one that holds neither."""
+def _refusal(content: Any, where: str | Path) -> HandtrackError:
+    """Return what to say of what no camera was found in: lenses or poses alone, other tables, or anything else."""
     tables = [content, *content.values()] if isinstance(content, Mapping) else []
     keys = [str(key) for table in tables if isinstance(table, Mapping) for key in table]
     said = {MEANS.get(re.sub(r"[\W_\d]|left|right", "", key.lower())) for key in keys}
     lenses = said & {"matrix", "distortions"}
     poses = said & {"rotation", "translation", "pose"}
-    if bool(lenses) == bool(poses):
-        return None
-    here, missing = (
-        ("the poses", "the lenses (K, dist)") if poses else ("the lenses", "the poses (R, t)")
-    )
-    return HandtrackError(
-        f"{where}: only {here} of a calibration ({', '.join(keys[:6])}); {missing} are missing. Give both files: "
-        "--calibration INTRINSICS EXTRINSICS."
-    )
-
-
-def _unknown(path: Path, content: Any = None) -> HandtrackError:
-    if isinstance(content, Mapping) and content:
-        keys = ", ".join(map(str, list(content)[:8]))
+    if bool(lenses) != bool(poses):
+        here, missing = (
+            ("the poses", "the lenses (K, dist)") if poses else ("the lenses", "the poses (R, t)")
+        )
         return HandtrackError(
-            f"{path}: neither a camera matrix nor a pose under a name that is known; its keys: {keys}. {CONVERT}"
+            f"{where}: only {here} of a calibration ({', '.join(keys[:6])}); {missing} are missing. Give both files: "
+            "--calibration INTRINSICS EXTRINSICS."
+        )
+    if keys:
+        return HandtrackError(
+            f"{where}: neither a camera matrix nor a pose under a name that is known; its keys: {', '.join(keys[:8])}. {CONVERT}"
         )
     return HandtrackError(
-        f"{path}: no calibration that is known here. Accepted: {ACCEPTED}. {CONVERT}"
+        f"{where}: no calibration that is known here. Accepted: {ACCEPTED}. {CONVERT}"
     )
 
 
