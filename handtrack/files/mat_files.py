@@ -1,4 +1,4 @@
-"""MATLAB's .mat files of version 5 to 7: numbers, texts, structs and cells as Python's own.
+"""MATLAB's .mat files: numbers, texts, structs and cells as Python's own.
 
 SciPy's reader is not used: nested structs make it overrun its stack, and one of some thousand damaged files (SciPy 1.17) its memory,
 which ends the program.
@@ -40,10 +40,13 @@ _CELL, _STRUCT, _CHAR, _OPAQUE = 1, 2, 4, 17
 def read_mat(path: Path) -> dict[str, Any]:
     """Return the variables of a file by name: arrays (rows, columns), texts, structs as dict (several as a list of them).
 
-    Cells are lists; objects of a class, which only MATLAB can read, are None. Raises HandtrackError.
+    Cells are lists. Objects of a class, and all of version 7.3, are read by mat-io, as dict of their properties. Raises
+    HandtrackError, also where that is not installed.
     """
     check_file(path, "a .mat file")
     data = path.read_bytes()
+    if data[:10] == b"MATLAB 7.3":
+        return _by_matio(path)
     if data[:10] != b"MATLAB 5.0":
         raise HandtrackError(
             f"{path}: no .mat file of version 5 to 7; save it in MATLAB with '-v7'."
@@ -51,21 +54,21 @@ def read_mat(path: Path) -> dict[str, Any]:
     order = ">" if data[126:128] == b"MI" else "<"
     try:
         return _variables(data, order)
+    except NotImplementedError:
+        return _by_matio(path)
     except (ValueError, struct.error, zlib.error, IndexError, UnicodeDecodeError) as error:
         raise HandtrackError(
             f"{path}: not a readable .mat file ({error}). Was it cut off while it was copied?"
         ) from None
 
 
-def read_mat_objects(path: Path) -> dict[str, Any]:
-    """Return the same with MATLAB's objects as dict of their properties, by mat-io. Raises HandtrackError without it."""
+def _by_matio(path: Path) -> dict[str, Any]:
     try:
         from matio import load_from_mat
     except ImportError:
         raise HandtrackError(
             f"{path} holds objects of MATLAB's classes, which are read with mat-io: pip install mat-io"
         ) from None
-    check_file(path, "a .mat file")
     try:
         return {name: _plain(value, 0) for name, value in load_from_mat(str(path)).items()}
     except Exception as error:  # a library's own, of many kinds, for a file that is damaged
@@ -133,8 +136,7 @@ def _matrix(data: bytes, order: str, depth: int) -> tuple[str, Any]:
     (word,) = struct.unpack_from(order + "I", flags)
     kind = word & 0xFF
     if kind == _OPAQUE:
-        name = _element(data, at, order)[1].decode("latin-1")
-        return name, None
+        raise NotImplementedError("an object of a class, which MATLAB alone can read")
     _, dims, at = _element(data, at, order)
     shape = tuple(int(n) for n in np.frombuffer(dims, order + "i4"))
     _, name, at = _element(data, at, order)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -254,20 +255,20 @@ _DEEPEST = 8  # tables in tables
 _LEAST_FOCAL_PX = 10.0  # less is in millimetres, or a share of the image's width
 
 
-def read_tables(tree: _Tree, where: str, alone: str) -> ImportedRig | None:
-    """Return the cameras of nested tables; None where there are none.
+def read_tables(trees: Sequence[_Tree], where: str, alone: str) -> ImportedRig | None:
+    """Return the cameras of nested tables, each of which may stand in several; None where there are none.
 
     Parameters
     ----------
     alone
-        The name of a camera that has the whole file.
+        The name of a camera that has all of them.
 
     Raises
     ------
     HandtrackError
         Naming the camera and the key.
     """
-    tables, beside, by_key = _tables(tree, alone)
+    tables, beside, by_key = _tables(trees, alone)
     family = "one table per camera"
     if not 0 < len(tables) <= _LIMIT:
         return None
@@ -292,12 +293,12 @@ def read_tables(tree: _Tree, where: str, alone: str) -> ImportedRig | None:
     return ImportedRig(family, cameras, unit_m, unposed=unposed)
 
 
-def _tables(tree: _Tree, alone: str) -> tuple[list[_Named], Known, bool]:
+def _tables(trees: Sequence[_Tree], alone: str) -> tuple[list[_Named], Known, bool]:
     """Return what is known of each camera, what beside, and whether names are of keys: a camera's values stand below one path, or else
     have one name in their keys, such as K_cam0, cam0_K, K0 or cam0/K. Of two that mean the same the first counts.
     """
     tables, by_key = dict[_Path, dict[str, Any]](), dict[_Path, dict[str, Any]]()
-    for path, key, value in _values(tree):
+    for path, key, value in chain.from_iterable(map(_values, trees)):
         for field, name in ((key, ""), *_splits(key)):
             if meaning := MEANS.get(plain_word(field)):
                 own = by_key.setdefault((*path, name), {}) if name else tables.setdefault(path, {})

@@ -36,7 +36,7 @@ from handtrack.capture.calibration.formats.programs import (
 )
 from handtrack.capture.images.openpose import Layout
 from handtrack.errors import HandtrackError
-from handtrack.files.mat_files import read_mat, read_mat_objects
+from handtrack.files.mat_files import read_mat
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.text_files import (
     MOST_BYTES,
@@ -94,17 +94,10 @@ def read_calibration(paths: Sequence[Path]) -> ImportedRig:
     cameras = tuple(camera for camera in single if camera is not None)
     if len(cameras) == len(paths):
         return ImportedRig("one file per camera", _posed(cameras, paths))
-    merged: dict[str, Any] = {}
-    for content in contents.values():
-        for key, value in content.items():  # a camera's table may stand in each
-            known = merged.get(str(key))
-            if isinstance(known, Mapping) and isinstance(value, Mapping):
-                value = {**known, **value}
-            merged[str(key)] = value
     where = " and ".join(map(str, paths))
-    rig = read_tables(merged, where, paths[0].stem)
+    rig = read_tables([*contents.values()], where, paths[0].stem)
     if rig is None or len(rig.cameras) < 2:
-        raise _refusal(merged, where)
+        raise _refusal([*contents.values()], where)
     return rig
 
 
@@ -112,7 +105,7 @@ def _by_camera(path: Path) -> Mapping[str, Any]:
     """Return the tables of a file; of rows with the camera in their keys: handpose3d's c0.dat and rot_trans_c0.dat are of `c0`."""
     form, content = _content(path)
     if not isinstance(content, Mapping):
-        raise _refusal(None, path)
+        raise _refusal([], path)
     camera = re.search(r"[A-Za-z]+\d+$", path.stem)
     if form != "rows" or camera is None:
         return content
@@ -134,9 +127,9 @@ def _one(path: Path) -> ImportedRig:
     readers = [read for forms, read in FORMS if form in forms]
     rig = next((rig for read in readers if (rig := read(content, str(path)))), None)
     if rig is None and isinstance(content, Mapping | list):
-        rig = read_tables(content, str(path), path.stem)
+        rig = read_tables([content], str(path), path.stem)
     if rig is None:
-        raise _refusal(content, path)
+        raise _refusal([content], path)
     names = [camera.name for camera in rig.cameras if camera.name is not None]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -147,7 +140,7 @@ def _one(path: Path) -> ImportedRig:
 def _single(path: Path, content: Mapping[str, Any]) -> ImportedCamera | None:
     """Return the camera of a file that has one alone, named by the file where it does not say a name."""
     try:
-        rig = read_tables(content, str(path), path.stem)
+        rig = read_tables([content], str(path), path.stem)
     except HandtrackError:
         return None
     return rig.cameras[0] if rig is not None and len(rig.cameras) == 1 else None
@@ -168,9 +161,10 @@ def _posed(
     return cameras
 
 
-def _refusal(content: Any, where: str | Path) -> HandtrackError:
-    """Return what to say of what no camera was found in: lenses or poses alone, other tables, or anything else."""
-    tables = [content, *content.values()] if isinstance(content, Mapping) else []
+def _refusal(contents: list[Any], where: str | Path) -> HandtrackError:
+    """Return what to say of files that no camera was found in: lenses or poses alone, other tables, or anything else."""
+    files = [content for content in contents if isinstance(content, Mapping)]
+    tables = [table for file in files for table in (file, *file.values())]
     keys = [str(key) for table in tables if isinstance(table, Mapping) for key in table]
     said = {MEANS.get(re.sub(r"[\W_\d]|left|right", "", key.lower())) for key in keys}
     lenses = said & {"matrix", "distortions"}
@@ -206,11 +200,8 @@ def _content(path: Path) -> tuple[str, Any]:
         return "npz", {
             k: a if a.ndim and a.dtype.kind not in "US" else a.tolist() for k, a in arrays
         }
-    if start[:10] == b"MATLAB 5.0":
-        variables = read_mat(path)
-        return "mat", read_mat_objects(path) if _holds_object(variables) else variables
-    if start[:10] == b"MATLAB 7.3":
-        return "mat", read_mat_objects(path)
+    if start[:6] == b"MATLAB":
+        return "mat", read_mat(path)
     if start[:1] == b"\x80" and start[1:2] in b"\2\3\4\5":
         raise HandtrackError(
             f"{path} is a Python pickle, which may run any program when it is read, so it is not. Where you trust it, write it "
@@ -235,12 +226,6 @@ def _content(path: Path) -> tuple[str, Any]:
     if _ROWS.match(text):
         return "rows", _rows(path)
     return _yaml(path) if _YAML.match(first.strip()) else ("", None)
-
-
-def _holds_object(value: Any) -> bool:
-    """Return whether something that `read_mat` returned has an object of a class in it, which it gives as None."""
-    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return value is None or any(map(_holds_object, inner))
 
 
 def _rows(path: Path) -> dict[str, list[list[float]]]:
