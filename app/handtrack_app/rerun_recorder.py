@@ -105,8 +105,8 @@ class ResidualRecorder:
         self._viewer = RerunViewer() if live else None
         self._results: dict[int, FrameResult] = {}
         """of the frames that were recorded"""
-        self._kinds: set[str] = set()
-        """of pictures that the viewer has room for, besides the usual ones"""
+        self._pictures: set[tuple[str, str]] = set()
+        """cameras and kinds of pictures that the viewer has room for"""
         self._thread = threading.Thread(target=self._paint_all, name="residuals", daemon=True)
         self._thread.start()
 
@@ -184,10 +184,10 @@ class ResidualRecorder:
         params = model.transform.solver_params(result.parameters)
         painter = _Painter(run, result.frame, params, self._before(run, result.frame))
         pictures = painter.pictures(params)
-        kinds = {kind for made in pictures.values() for kind in made if kind.startswith(DOTTED)}
-        if not kinds <= self._kinds:
-            self._kinds |= kinds
-            recording.send_blueprint(layout(self._kinds))
+        shown = {(camera, kind) for camera, made in pictures.items() for kind in made}
+        if not shown <= self._pictures:
+            self._pictures |= shown
+            recording.send_blueprint(layout(self._pictures))
         log_pictures(recording, "cameras", pictures)
         log_scalars(recording, "overlap", painter.overlap())
         log_space(recording, model, *painter.space())
@@ -259,13 +259,16 @@ class _Painter:
             views[name][DOTTED + kind] = colours.astype(np.uint8)
         for name, image in self._images.items():
             views[name]["image"] = image
-        for i, silhouette in enumerate(self._observation.silhouettes):
-            counts = _within(self._terms.prepared[i].mask.valid, silhouette.mask.shape[1])
-            counts &= silhouette.mask >= 0
+        fitted = {seen.camera.name: i for i, seen in enumerate(self._terms.prepared)}
+        for silhouette in self._observation.silhouettes:
+            made, i = views[silhouette.camera.name], fitted.get(silhouette.camera.name)
+            counts = silhouette.mask >= 0
+            if i is not None:  # else it contradicts the others, and is not fitted to
+                valid = self._terms.prepared[i].mask.valid
+                counts &= _within(valid, silhouette.mask.shape[1])
             mask = np.where(counts, silhouette.mask, 0.0)
-            made = views[silhouette.camera.name]
             made["observed"] = grey(mask)
-            if self._term is not None:
+            if self._term is not None and i is not None:
                 field = predicted_image(self._term, i, bones)
                 inside = self._inside if isinstance(self._term, ConicFieldTerm) else 1.0
                 made["predicted"] = grey(-field)
@@ -292,8 +295,7 @@ class _Painter:
         if not observed:
             return {}
         shares = outline_overlap(observed, self._model.ellipsoids["fine"], bones).iou.tolist()
-        names = [silhouette.camera.name for silhouette in self._observation.silhouettes]
-        return dict(zip(names, shares, strict=True))
+        return dict(zip([seen.camera.name for seen in observed], shares, strict=True))
 
     def space(
         self,
@@ -581,6 +583,8 @@ Pictures = dict[str, dict[str, Bytes[H, W, *Axes]]]
 `signed_colours`; and, of clouds, edges and texture, `residual_` and the kind
 """
 DOTTED = "residual_"
+_FIRST = ("residual", "image", "observed", "predicted")
+"""of the kinds, in this order; then the others"""
 
 
 @contextmanager
@@ -659,28 +663,43 @@ def grey(picture: Array[H, W]) -> Bytes[H, W]:
     return np.rint(255 * np.clip(np.nan_to_num(picture), 0.0, 1.0)).astype(np.uint8)
 
 
-def layout(kinds: Set[str] = frozenset()) -> Blueprint:
-    """Return how the viewer arranges what is recorded. kinds: of pictures, besides the usual ones."""
+def layout(pictures: Set[tuple[str, str]] = frozenset()) -> Blueprint:
+    """Return how the viewer arranges what is recorded: of each kind of pictures a tab, with each camera's beside the others'.
+
+    pictures: cameras and kinds.
+    """
     import rerun.blueprint as rrb
 
-    shown = [
-        rrb.Spatial2DView(origin="/cameras", contents=f"/cameras/*/{kind}", name=kind.capitalize().replace("_", ": "))
-        for kind in ("image", "residual", "observed", "predicted", *sorted(kinds))
-    ]  # fmt: skip
+    known = {kind for _, kind in pictures}
+    kinds = [kind for kind in _FIRST if kind in known] + sorted(known.difference(_FIRST))
+    tabs = [
+        rrb.Grid(
+            *(
+                rrb.Spatial2DView(origin=f"/cameras/{camera}/{kind}", name=camera)
+                for camera, one in sorted(pictures)
+                if one == kind
+            ),
+            name=kind.capitalize().replace("_", ": "),
+        )
+        for kind in kinds
+    ]
+    space = rrb.Spatial3DView(origin="/world", name="Space")
+    many = rrb.PlotLegend(visible=False)  # a line's name stands at the pointer
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(
-                rrb.Spatial3DView(origin="/world", name="Space"),
-                rrb.Grid(*shown),
-            ),
+            rrb.Vertical(space, rrb.Tabs(*tabs)) if tabs else space,
             rrb.Vertical(
                 rrb.TimeSeriesView(origin="/energy", name="Cost by term"),
                 rrb.TimeSeriesView(origin="/overlap", name="Overlap by camera"),
                 rrb.TimeSeriesView(origin="/error", name="Error [mm]"),
-                rrb.TimeSeriesView(origin="/parameters", name="Parameters [m, rad]"),
+                rrb.TimeSeriesView(
+                    origin="/parameters", name="Parameters [m, rad]", plot_legend=many
+                ),
                 rrb.TextLogView(origin="/log", name="Frames of low confidence, or lost"),
             ),
             column_shares=[3, 2],
         ),
-        rrb.TimePanel(timeline="frame"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(timeline="frame", state="collapsed"),
     )

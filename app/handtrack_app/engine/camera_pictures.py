@@ -417,5 +417,7 @@ def _masked(maker: CameraPictures, view: View, frame: int) -> Image:
 
 def _corrected_words(view: View, frame: int) -> str:
     frames, own = view.corrections.frames, view.own_frame(frame)
+    if not frames:
+        return ""
     here = "corrected here" if own in frames else "not corrected here"
     return f"{here}; {len(frames)} frame{'s' if len(frames) != 1 else ''} in all"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+import re
 from collections.abc import Iterable, Mapping
 
 import cv2
@@ -19,6 +20,12 @@ def text(words: str, faint: bool = True, kind: str = "") -> str:
     if not words:
         return ""
     return f"<div class='handtrack-text {'handtrack-faint' if faint else ''} {kind}'>{words}</div>"
+
+
+def told(words: str) -> str:
+    """Return words as the terminal has them, `code` and *name of a widget*, as HTML."""
+    words = re.sub(r"`([^`]+)`", r"<code>\1</code>", html.escape(words))
+    return re.sub(r"(?<!\w)\*([^*\s][^*]*)\*(?!\w)", r"<b>\1</b>", words)
 
 
 def escaped(words: str) -> str:

@@ -12,7 +12,7 @@ from functools import partial
 
 import viser
 
-from handtrack_app.page.html import bordered, dress, escaped, line, text
+from handtrack_app.page.html import bordered, dress, escaped, line, text, told
 from handtrack_app.page.page import DONE, GUIDE, INFO, Client, Page, Part, put, remembered
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.export import ExportPanel
@@ -137,6 +137,7 @@ class PageLayout:
         with posing.add_tab("Certainty"):
             self.certainty = gui.add_html("")
         self.review = ReviewPanel(page, reviewing.add_tab("Queue"))
+        page.offer(self.review.about, lambda: not self.messages.tells_of_recording)
         self.plots = PlotsPanel(page, reviewing.add_tab("Plots"), lambda: self.timeline.window)
         self.export = ExportPanel(page, others.add_tab("Export"))
         self.settings = SettingsPanel(page, others.add_tab("Settings"), refits)
@@ -299,6 +300,11 @@ class Messages(Part):
             del self._standing[-1:]
         self._show()
 
+    @property
+    def tells_of_recording(self) -> bool:
+        """Whether the head says what was found out about the recording."""
+        return bool(self._standing) and self._standing[-1].of_recording
+
     def see_pose(self, is_posed: bool) -> None:
         """Take whether any frame has a pose: guidance goes then."""
         if is_posed != self.is_posed:
@@ -319,7 +325,7 @@ class Messages(Part):
 
 def _words(notice: Notice, more: str = "") -> str:
     colour = _COLOURS.get(notice.level, "gray")
-    title, text = (_FRAME.sub(_LINK, html.escape(words)) for words in (notice.title, notice.text))
+    title, text = (_FRAME.sub(_LINK, told(words)) for words in (notice.title, notice.text))
     text = f"<div>{text}</div>" if text else ""
     is_answer = notice.level != GUIDE and not notice.of_recording
     kind = f"handtrack-note{' handtrack-answer' * is_answer}"

@@ -113,11 +113,11 @@ KINDS: dict[str, tuple[str, str]] = {
     ),
     "keypoints": (
         f"{{share}} of {{other:.0f}} keypoints lie within {NEAR_SIGMAS:g} sigma of the model",
-        "{share} of keypoints near",
+        "{share} of keypoints fit",
     ),
     "cloud": (
         f"{{share}} of the cloud's points lie within {1e3 * NEAR_M:g} mm of the model",
-        "{share} of the cloud near",
+        "{share} of the cloud fits",
     ),
     "poor cloud": (
         "poor cloud: {share} of the hand in view was measured, {other_share} of the points lie on it{held}",

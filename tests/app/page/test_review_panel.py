@@ -68,7 +68,7 @@ def test_cameras_that_are_surely_off_are_corrected_by_one_button_and_undo_takes_
             not np.allclose(frustum.wxyz, calibrated),
         )
         bench.engine.track(0, FRAMES, 3)
-        eventually(lambda: review.correct.visible and "front, side" in review.correct.label)
+        eventually(lambda: review.correct.visible and "front" in review.off.content)
         assert "rotation 2.00° (± 0.10)" in review.off.content
         for pressed, value, corrected in (
             (review.correct, True, True),

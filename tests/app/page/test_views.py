@@ -77,15 +77,11 @@ def test_model_and_picture_meet_at_the_pixel_that_opencv_has(window, times, rng)
 
 
 def test_rays_and_pixels_are_each_others_inverse(rng):
-    for pixel in rng.uniform((0, 0), CARD.size, (20, 2)):
-        ray = CARD.rays(pixel)
-        assert_allclose(ray_pixel(CARD, 3.7 * ray), pixel, atol=1e-9)
-        assert_allclose(by_opencv((CARD.centre + 0.6 * ray)[None])[0], pixel, atol=1e-6)
-        assert ray_pixel(CARD, -ray) is None
     looks = eye(CARD, Zoom((100.0, 400.0), 5.0), 1.3)
     for place in rng.uniform(0, 1, (20, 2)):
-        assert_allclose(ray_pixel(looks, looks.rays(place)), place, atol=1e-9)
-    assert ray_pixel(looks, -looks.rays(np.array([0.5, 0.5]))) is None
+        ray = looks.rays(place)
+        assert_allclose(ray_pixel(looks, 3.7 * ray), place, atol=1e-9)
+        assert ray_pixel(looks, -ray) is None
 
 
 def test_an_enlargement_has_bounds():

@@ -148,6 +148,8 @@ def test_each_page_looks_through_a_camera_of_its_own(bench):
         assert told_value(other, view.through) == "orbit view" and _shown(one, "/screen")
         other.set_value(view.through, "side")
         eventually(lambda: painted(None) == wanted)
+        other.set_value(bench.layout.masks.correcting.paint, True)
+        eventually(lambda: told_value(other, view.paint) == "mask")
     eventually(lambda: painted(None) == ())  # of pages that went none is painted
     assert bench.web.messages.refused == 0
 
@@ -171,8 +173,7 @@ def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
     eventually(lambda: bench.state.frame == 7)  # the doubtful frame
     eventually(lambda: not button.visible)  # it has done its work
     wire.set_value(layout.review.accept_next, True)
-    eventually(lambda: layout.review.done == 1)
-    eventually(lambda: button.visible)
+    eventually(lambda: layout.review.done == 1 and button.visible)
     wire.set_value(layout.pose.edit_buttons, "Undo")
     eventually(lambda: layout.review.done == 0)
 

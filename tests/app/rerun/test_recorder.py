@@ -64,6 +64,8 @@ def test_frames_and_the_iterations_of_one(run, results, tmp_path):
     assert scalars(path, f"/energy/{min(terms)}").keys() == energies.keys()
     for entity in ("/world/skeleton", "/world/flesh"):
         assert sum(batch.num_rows for batch in chunks(path, entity)) == len(results), entity
+    tabs = residual_recorder.layout(recorder._pictures).root_container.contents[0].contents[1]  # type: ignore[index]
+    assert all(picture(path, view.origin).size for tab in tabs.contents for view in tab.contents)  # type: ignore[union-attr]
     at = run.model.parameter_names.index("index_mcp_flex")
     bends = {r.frame: r.parameters[at] for r in results}
     assert scalars(path, "/parameters/index_mcp_flex") == pytest.approx(bends)
@@ -120,6 +122,20 @@ def test_the_residual_is_red_where_the_hand_is_missed(run, results, tmp_path):
     seen = run.session.observation(0).silhouettes[0].mask > 0.99
     residual = picture(tmp_path / "run.rrd", "/cameras/cam0/residual")[seen]
     assert np.median(residual, axis=0) == pytest.approx([255, 0, 0], abs=30)
+
+
+def test_a_silhouette_that_is_not_fitted_to_leaves_the_others_their_cameras(
+    run, results, tmp_path, monkeypatch
+):
+    seen = run.session.observation(0)
+    first, odd, last = seen.silhouettes
+    odd = replace(odd, mask=np.roll(odd.mask, 200))
+    other = replace(seen, silhouettes=(first, odd, last))
+    monkeypatch.setattr(run.session, "observation", lambda *_, **__: other)
+    assert not recorded(run, tmp_path, results[0]).problem
+    path = tmp_path / "run.rrd"
+    assert not scalars(path, "/overlap/cam1")
+    assert np.median(picture(path, "/cameras/cam2/residual")[last.mask > 0.99]) > 200, "white"
 
 
 @pytest.mark.parametrize("live", [True, False])

@@ -14,7 +14,14 @@ from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.settings import TOLD, SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.viewpoint import Pixel
-from handtrack_app.protocol import Box, MaskCameraCard, PictureSnapshot, SessionSnapshot
+from handtrack_app.protocol import (
+    FILES,
+    NO_MASKS,
+    Box,
+    MaskCameraCard,
+    PictureSnapshot,
+    SessionSnapshot,
+)
 
 ALL = "all cameras"
 
@@ -67,6 +74,8 @@ class MaskPanel(Panel):
             page, "masks", "the cameras' masks and roi", "Discards unsaved changes; corrections stay.", "masks of {}"
         )  # fmt: skip
         self.correcting = CorrectingWidgets(page, self)
+        seen = any({*camera.possible} - {FILES, NO_MASKS} for camera in cameras)
+        page.offer(self.correcting.folder, lambda: seen)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Show what is in force."""
@@ -180,7 +189,8 @@ class CorrectingWidgets(Part):
     def build(self) -> None:
         page, gui = self.page, self.gui
         self.brushes = {page.phrase(words): brush for words, brush in _BRUSHES.items()}
-        with gui.add_folder("Correct this frame"):
+        self.folder = gui.add_folder("Correct this frame")
+        with self.folder:
             self.words = gui.add_html("")
             self.brush = gui.add_dropdown(
                 "Brush", tuple(self.brushes),
@@ -211,7 +221,8 @@ class CorrectingWidgets(Part):
 
     def show_corrections(self, corrected: dict[str, str]) -> None:
         """Say which cameras are corrected in the frame shown."""
-        lines = "<br>".join(f"{html.escape(n)}: {html.escape(w)}" for n, w in corrected.items())
+        said = {name: words for name, words in corrected.items() if words}
+        lines = "<br>".join(f"{html.escape(n)}: {html.escape(w)}" for n, w in said.items())
         put(self.words, content=text(lines))
 
     def _begin(self, client: Client) -> None:

@@ -14,7 +14,7 @@ from viser import uplot
 from handtrack.arrays import Floats, N, number_runs
 from handtrack.diagnostics.review import ReviewInterval
 from handtrack.store.history import Span
-from handtrack_app.page.html import bar, card, picture, text
+from handtrack_app.page.html import bar, card, picture, text, told
 from handtrack_app.page.page import Client, Panel, Part, put
 from handtrack_app.page.panels.pose import GuessesPanel, groups_of, title_of, unit_of
 from handtrack_app.page.panels.tracking import TrackingPanel
@@ -64,13 +64,6 @@ class ReviewPanel(Panel):
             "Remove correction", partial(self._correct, on=False), "x",
             "Uses the original calibration. Then track again.", when=lambda: bool(self.strip.cameras_corrected),
         )  # fmt: skip
-        page.reflect(
-            self.correct, label=lambda: f"Apply correction to {', '.join(self.strip.cameras_off)}"
-        )
-        page.reflect(
-            self.restore,
-            label=lambda: f"Remove correction of {', '.join(self.strip.cameras_corrected)}",
-        )
         self.head = gui.add_html("")
         self.accept_next = page.button(
             "Accept and next", partial(self.do_accept, ""), "check",
@@ -193,7 +186,7 @@ class ReviewPanel(Panel):
 
     def warn(self, notice: Notice) -> None:
         """Add a warning about the recording above the list, unless it stands there."""
-        line = text(html.escape(notice.text), faint=False, kind="handtrack-warning")
+        line = text(told(notice.text), faint=False, kind="handtrack-warning")
         if notice.of_recording and line not in self.about.content:
             self.about.content += line
 

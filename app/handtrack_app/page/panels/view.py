@@ -108,17 +108,16 @@ class SessionPanel(Panel):
         )  # fmt: skip
         leave_button(page)
         self._look_by_keys(names)
+        stage.looking.chosen = self._show_chosen
         page.own(self.through, lambda client, chosen: stage.look(self.views[chosen], client))
         page.own(self.paint, self._paint)
-        page.own(
-            self.view, lambda client, what: self._show_look(None, client, what == "Everything")
-        )
+        page.own(self.view, lambda client, what: stage.look(None, client, what == "Everything"))
 
     def _look_by_keys(self, cameras: list[str]) -> None:
         views = [(f"Camera view: {name}", str(i), name) for i, name in enumerate(cameras[:9], 1)]
         more = ("Orbit view", "0", None), ("See the {kind} in all cameras", "B", ALL)
         for words, key, camera in (*views, *more):
-            self.page.key(words, key, partial(self._show_look, camera), by_page=True)
+            self.page.key(words, key, partial(self.stage.look, camera), by_page=True)
         self.page.key("Next overlay: outline, residual, …", "O", self._next_paint, by_page=True)
 
     def show_pictures(self, made: PictureSnapshot) -> None:
@@ -126,10 +125,15 @@ class SessionPanel(Panel):
         if made.thumbnails:
             put(self.sheet, content=sheet(made.frame, made.thumbnails))
 
-    def _show_look(self, camera: str | None, client: Client, everything: bool = False) -> None:
-        word = next(word for word, one in self.views.items() if one == camera)
-        internals.show_value(client.handle, self.through, word)
-        self.stage.look(camera, client, everything)
+    def _show_chosen(self, client: Client) -> None:
+        """Show a page what it looks through and what is painted over that, also where a key or another tab chose it."""
+        choices = (
+            (self.through, self.views, client.through),
+            (self.paint, _PAINT_WORDS, client.paint),
+        )
+        for widget, words, chosen in choices:
+            word = next(word for word, one in words.items() if one == chosen)
+            internals.show_value(client.handle, widget, word)
 
     def _paint(self, client: Client, chosen: str) -> None:
         """Paint over what a page looks through, and over the small pictures of all."""
@@ -141,14 +145,12 @@ class SessionPanel(Panel):
     def _next_paint(self, client: Client) -> None:
         """Take the next overlay."""
         options = list(_PAINT_WORDS.values())
-        chosen = list(_PAINT_WORDS)[(options.index(client.paint) + 1) % len(options)]
-        internals.show_value(client.handle, self.paint, chosen)
-        self._paint(client, chosen)
+        self._paint(client, list(_PAINT_WORDS)[(options.index(client.paint) + 1) % len(options)])
 
     def leave(self, client: Client) -> None:
         """Go from a camera's view to the free one."""
         if client.through is not None:
-            self._show_look(None, client)
+            self.stage.look(None, client)
 
 
 def leave_button(page: Page) -> viser.GuiButtonHandle:

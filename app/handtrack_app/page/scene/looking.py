@@ -86,6 +86,8 @@ class Looking:
         """close pictures by camera, as HTML"""
         self._close_of: int | None = None
         """the frame that they are of"""
+        self.chosen: Callable[[Client], object] = lambda client: None
+        """is told whenever a page is shown something else"""
 
     @property
     def anyone(self) -> bool:
@@ -122,10 +124,11 @@ class Looking:
         self._explain(client)
 
     def _explain(self, client: Client) -> None:
-        """Let a page show what the colours over its picture mean."""
+        """Let a page show what the colours over its picture mean, and its widgets what is chosen."""
         paint = "" if self.card(client) is None else client.paint
         source = f"document.body.dataset.overlay = {json.dumps(paint)}"
         internals.run_javascript(client.handle, source)
+        self.chosen(client)
 
     def pictures(self, field: bool) -> tuple[Picture, ...]:
         """Return the pictures that the pages show. field: the model's field in place of what is painted else."""
