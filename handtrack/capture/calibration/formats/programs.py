@@ -60,8 +60,7 @@ def read_kalibr(tree: Any, where: str) -> ImportedRig | None:
         own = {"matrix": lens, "distortions": table.get("distortion_coeffs") or [], "pose": pose}
         own["model"] = table["distortion_model"]
         if "resolution" in table:
-            size = whole_size(table["resolution"], f"{place}, resolution")
-            own["width"], own["height"] = size
+            own["size"] = table["resolution"]
         cameras.append(camera_of(own, str(name), place, True))
     return ImportedRig("Kalibr's camera chain", tuple(cameras), 1.0) if cameras else None
 
@@ -161,11 +160,7 @@ def read_bouguet(tree: Any, where: str) -> ImportedRig | None:
             f"{where}: a lens of Bouguet's toolbox, without the cameras' places. Give Calib_Results_stereo.mat, which "
             "stereo_gui saves."
         )
-    size = {
-        side: numbers_at(tree, key, where, (1,)).item()
-        for side, key in (("width", "nx"), ("height", "ny"))
-        if key in tree
-    }
+    size = [numbers_at(tree, key, where, (1,)).item() for key in ("nx", "ny") if key in tree]
     cameras = []
     for side, pose in (("left", {}), ("right", {"rotation": tree["R"], "translation": tree["T"]})):
         focal, centre = (numbers_at(tree, f"{n}_{side}", where, (2,)) for n in ("fc", "cc"))
@@ -173,8 +168,8 @@ def read_bouguet(tree: Any, where: str) -> ImportedRig | None:
         if f"alpha_c_{side}" in tree:
             matrix[0, 1] = focal[0] * numbers_at(tree, f"alpha_c_{side}", where, (1,)).item()
         lens = {"matrix": matrix, "distortions": tree.get(f"kc_{side}", [])}
-        if len(size) == 2 and np.abs(centre / [*size.values()] - 0.5).max() < _MIDDLE:
-            lens |= size  # it is one camera's, and the other may be larger
+        if len(size) == 2 and np.abs(centre / size - 0.5).max() < _MIDDLE:
+            lens["size"] = size  # it is one camera's, and the other may be larger
         cameras.append(camera_of(lens | pose, None, f"{where}, {side} camera", False))
     return ImportedRig("Bouguet's stereo calibration", tuple(cameras))
 
@@ -229,7 +224,7 @@ def _qualisys_camera(element: Element, where: str) -> ImportedCamera:
     turned = _attributes(transform, "r11 r12 r13 r21 r22 r23 r31 r32 r33", where).reshape(3, 3)
     rotation = _TO_OPENCV @ turned
     pose = {"rotation": rotation, "translation": -rotation @ _attributes(transform, "x y z", where)}
-    own = {"matrix": matrix, "distortions": bent, "width": size[0], "height": size[1]}
+    own = {"matrix": matrix, "distortions": bent, "size": size}
     return camera_of(own | pose, element.get("serial") or None, where, True)
 
 
@@ -264,8 +259,7 @@ def read_splatting(tree: Any, where: str) -> ImportedRig | None:
         sides = numbers([table["width"], table["height"]], f"{place}, width and height")
         lens = [table["fx"], table["fy"], *(0.5 * (sides - 1))]
         own = {
-            "width": table["width"],
-            "height": table["height"],
+            "size": sides,
             "matrix": lens,
             "distortions": np.zeros(5),
             "inverse": pose,
@@ -298,8 +292,8 @@ def read_nerf(tree: Any, where: str) -> ImportedRig | None:
         lens = numbers([fx, table.get("fl_y", fx), *middle], f"{place}, fl_x fl_y cx cy").tolist()
         model = str(table.get("camera_model", ""))
         given = {**table, **dict(zip(("fx", "fy", "cx", "cy"), lens))}
-        size = {"model": model, "width": width, "height": height}
-        own = _lens(given, is_fisheye(model, place)) | size | {"inverse": pose * [1, -1, -1, 1]}
+        own = _lens(given, is_fisheye(model, place)) | {"model": model, "size": (width, height)}
+        own["inverse"] = pose * [1, -1, -1, 1]
         name = re.sub(r"\.\w+$", "", name.rsplit("/", 1)[-1])
         cameras.append(camera_of(own, name, place, True))
     return ImportedRig("NeRF's transforms.json", tuple(cameras), any_unit=True)
@@ -469,7 +463,7 @@ def _colmap_lens(
         )
     given = dict(zip(places, parameters, strict=True))
     lens = _lens(given, model.endswith("FISHEYE"))
-    return lens | {"fisheye": model.endswith("FISHEYE"), "width": size[0], "height": size[1]}
+    return lens | {"fisheye": model.endswith("FISHEYE"), "size": size}
 
 
 def _lens(given: Mapping[str, Any], is_fisheye: bool) -> dict[str, Any]:
