@@ -288,10 +288,7 @@ class CloudFilters:
 
     def of_part(self, part: PointCloud, hand: HandRegion, centres: Floats[C, D3]) -> PointCloud:
         """Return what `apply` leaves of the whole cloud, of its part `around` a region that is about the hand."""
-        for _, _, keep in self._steps_of_hand(hand, centres):
-            if len(part):
-                part = part.select(keep(part))
-        return part
+        return _kept(part, self._steps_of_hand(hand, centres))
 
     def around(
         self, cloud: PointCloud, hand: HandRegion, room_m: float, centres: Floats[C, D3]
@@ -300,10 +297,7 @@ class CloudFilters:
         assert self.crop_m is not None
         whole_cells = 0.0 if self.voxel_m is None else np.sqrt(3.0) * self.voxel_m
         part = cloud.select(hand.around(cloud.points, self.crop_m + room_m + whole_cells))
-        for _, _, keep in self._steps_anywhere(centres):
-            if len(part):
-                part = part.select(keep(part))
-        return part
+        return _kept(part, self._steps_anywhere(centres))
 
     def dropped_by(
         self,
@@ -369,6 +363,14 @@ class CloudFilters:
         if voxel is not None:
             text = f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm"
             yield "voxel", text, lambda c: thinned(c.points, voxel, self.per_voxel, self.seed)
+
+
+def _kept(cloud: PointCloud, steps: Iterator[_Step]) -> PointCloud:
+    """Return what filters leave of a cloud."""
+    for _, _, keep in steps:
+        if len(cloud):
+            cloud = cloud.select(keep(cloud))
+    return cloud
 
 
 def finite(points: Floats[N, D3]) -> Array[N]:

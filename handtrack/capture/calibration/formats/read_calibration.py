@@ -490,11 +490,7 @@ def with_lens(rig: ImportedRig, lens: str | None, where: str) -> ImportedRig:
             "standard model they are k1 k2 p1 p2; `cv2.fisheye` writes k1 k2 k3 k4 in the same place."
         )
     for camera in rig.cameras:
-        if (
-            camera.fisheye
-            and len(camera.distortions) > FISHEYE_COUNT
-            and camera.distortions[FISHEYE_COUNT:].any()
-        ):
+        if camera.fisheye and camera.distortions[FISHEYE_COUNT:].any():
             raise HandtrackError(
                 f"{where}: camera '{camera.name}' is a fisheye of {len(camera.distortions)} coefficients; expected k1 k2 k3 k4 of "
                 "cv2.fisheye."
@@ -531,24 +527,15 @@ def pinholes(
             cameras.append(camera)
             continue
         assert camera.size is not None
-        bent = camera.distortions
-        bent = (
-            np.resize(np.append(bent, np.zeros(FISHEYE_COUNT)), FISHEYE_COUNT)
-            if camera.fisheye
-            else five_or_more(bent)
-        )
+        bent = five_or_more(camera.distortions)
+        bent = bent[:FISHEYE_COUNT] if camera.fisheye else bent
         lens = SourceLens(camera.size, camera.matrix, bent, bool(camera.fisheye))
         tiles = pinhole_views(name, lens, regions.get(name))
         for i, view in enumerate(tiles):
             tile = name if len(tiles) == 1 else f"{name}_{i + 1}"
             views[tile] = lens, view
-            rotation, translation = (
-                view.rotation @ camera.rotation,
-                view.rotation @ camera.translation,
-            )
-            cameras.append(
-                ImportedCamera(tile, view.size, view.matrix, np.zeros(5), rotation, translation)
-            )
+            turned, moved = (view.rotation @ part for part in (camera.rotation, camera.translation))
+            cameras.append(ImportedCamera(tile, view.size, view.matrix, np.zeros(5), turned, moved))
     return replace(rig, cameras=tuple(cameras)), views
 
 
