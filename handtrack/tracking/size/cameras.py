@@ -78,8 +78,8 @@ class CameraChanges:
     """[frames] by which each frame of theirs, and last of a cloud, is later as far as is known beforehand; how late they are comes on top"""
     cloud: Floats[C] | float = 0.0
     """each camera's share of a cloud's time, which is the mean of those that measured it; nothing of one that shows nothing else"""
-    joints_alone: bool = False
-    """whether nothing but joints tells of them"""
+    no_masks: bool = False
+    """whether masks tell nothing of them, only joints"""
 
     @classmethod
     def of(
@@ -98,10 +98,10 @@ class CameraChanges:
         count = len(names)
         known = [[one.get(name, 0.0) for one in frames_later] for name in (*names, CLOUD_NAME)]
         cloud = np.array([name in measured for name in names], float) / max(len(measured), 1)
-        joints_alone = not any(one.silhouettes or one.cloud_cameras for one in frames)
+        no_masks = not any(one.silhouettes for one in frames)
         return cls(
             tuple(seen[name] for name in names), np.zeros((count, NUMBERS)), (0,) * count,
-            known=np.array(known), cloud=cloud, joints_alone=joints_alone,
+            known=np.array(known), cloud=cloud, no_masks=no_masks,
         )  # fmt: skip
 
     @property

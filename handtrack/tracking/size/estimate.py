@@ -335,7 +335,7 @@ class Shared:
         err together, too, and where a camera looks by them still in the next.
         """
         once = np.where(TIME, 1.0, np.where(CALIBRATION, frames, posture))
-        if self.cameras.joints_alone:
+        if self.cameras.no_masks:
             once[TIME], once[DIRECTION] = _JOINTS_ALIKE, _JOINTS_ALIKE * _JOINTS_LAST
         return np.r_[
             np.tile(once[self.cameras.free], len(self.cameras.cameras)),

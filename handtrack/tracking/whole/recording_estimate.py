@@ -223,7 +223,7 @@ def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     later = [likelihood.frames_later[frame] for frame in estimate.frames]  # `new_share` read all
     cameras = CameraChanges.of([one for one, _ in samples], later)
     # a camera in which a detector sees the whole hand to one side seems to be turned, or else late
-    at = TIME | DIRECTION if cameras.joints_alone else TIME
+    at = TIME | DIRECTION if cameras.no_masks else TIME
     cameras = cameras.finding(OUTLINE | at if timed else OUTLINE)
     return replace(estimate, likelihood=likelihood.sharing(likelihood.shared.through(cameras)))
 
@@ -259,16 +259,15 @@ def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
 
 
 def let_outliers_go(estimate: RecordingEstimate) -> RecordingEstimate:
-    """Return the estimate once detected joints far off the model no longer pull, cameras standing where they were found. Raises
+    """Return the estimate once detected joints far off the model no longer pull, neither at poses nor at what frames share. Raises
     StoppedError.
     """
     if not estimate.likelihood.wide:  # a body's are never let go: one descent finds all
         return estimate
     found = estimate.solution
-    masks = found.shared.through(found.cameras.finding(OUTLINE))
-    likelihood = estimate.likelihood.sharing(masks).knowing(wide=False)
+    likelihood = estimate.likelihood.sharing(found.shared).knowing(wide=False)
     again = estimate.solved(likelihood, found.poses)
-    return replace(estimate, likelihood=likelihood, hypotheses=(again,))
+    return replace(estimate, likelihood=likelihood, calibrated=again, hypotheses=(again,))
 
 
 def flip_limbs(estimate: RecordingEstimate) -> RecordingEstimate:
