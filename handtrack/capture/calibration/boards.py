@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -192,7 +192,7 @@ def black_rectangles(board: Board) -> Floats[R, D4]:
     """Return x, y, width, height [mm] of what is black, from the page's upper left corner."""
     square, margin = board.square_m * 1e3, _margin_mm(board)
     columns, rows = board.squares
-    cells = [
+    cells: list[tuple[float, ...]] = [
         (margin + c * square, margin + r * square, square, square)
         for r in range(rows)
         for c in range(columns)
@@ -217,9 +217,8 @@ def _margin_mm(board: Board) -> float:
     return max(_MARGIN_MM, 0.5 * board.square_m * 1e3)
 
 
-def _marker_rectangles(board: Board, margin: float) -> list[tuple[float, ...]]:
-    """Return the black bits of all markers, neighbours in a row joined so that no hair lines show."""
-    found: list[tuple[float, ...]] = []
+def _marker_rectangles(board: Board, margin: float) -> Iterator[tuple[float, ...]]:
+    """Yield the black bits of all markers, neighbours in a row joined so that no hair lines show."""
     dictionary = board.cv2_dictionary
     modules = dictionary.markerSize + 2
     bit = board.marker_m * 1e3 / modules
@@ -229,8 +228,7 @@ def _marker_rectangles(board: Board, margin: float) -> list[tuple[float, ...]]:
         left, top = corner[:, :2].min(axis=0) * 1e3 + margin
         for r, row in enumerate(black):
             for start, end in runs(row):
-                found.append((left + start * bit, top + r * bit, (end - start) * bit, bit))
-    return found
+                yield left + start * bit, top + r * bit, (end - start) * bit, bit
 
 
 def _caption(board: Board) -> str:

@@ -106,24 +106,14 @@ def calibrate_rig(
     pieces = iter(np.split(every, np.cumsum(lengths)[:-1]))
     left = tuple(tuple(islice(pieces, len(camera.views))) for camera in used)
     lens_std, skew = lens_uncertainty(state, corners, free)
-    reports = [
-        camera_report(
-            cameras[c],
-            used[c],
-            left[c],
-            rms_alone_px=rms_alone_px[c],
-            lens=lens[c],
-            lens_std=lens_std[c],
-            skew=skew[c],
-        )
-        for c in range(len(used))
-    ]
+    told = zip(cameras, used, left, rms_alone_px, lens, lens_std, skew, strict=True)
+    reports = [camera_report(*of_camera) for of_camera in told]
     warnings += [*_warnings(board, used, converged), *chain(*map(_camera_warnings, reports))]
     report = {
         "board": board.text,
         "sigma_px": spread(every),
         "cameras": reports,
-        "pairs": pair_reports(rig, used, disagreement),
+        "pairs": list(pair_reports(rig, used, disagreement)),
         "warnings": warnings,
         "contradictions": [_contradiction(board, cameras, lenses, pair) for pair in apart],
     }
@@ -568,22 +558,18 @@ def camera_report(
 
 def pair_reports(
     rig: CameraRig, used: Sequence[CameraViews], disagreement: dict[tuple[str, str], float]
-) -> list[dict[str, Any]]:
-    """Return all pairs that share a view, or that placed a camera: their distance, and the angle between their directions."""
-    found = []
+) -> Iterator[dict[str, Any]]:
+    """Yield all pairs that share a view, or that placed a camera: their distance, and the angle between their directions."""
     for (a, b), (seen_a, seen_b) in zip(combinations(rig, 2), combinations(used, 2), strict=True):
         common = len(common_places(seen_a, seen_b))
         if common or {(a.name, b.name), (b.name, a.name)} & set(disagreement):
             turn = rotation_vector(b.rotation @ a.rotation.T)
-            found.append(
-                {
-                    "names": (a.name, b.name),
-                    "baseline_m": float(np.linalg.norm(a.centre - b.centre)),
-                    "angle_deg": float(np.rad2deg(np.linalg.norm(turn))),
-                    "common_views": common,
-                }
-            )
-    return found
+            yield {
+                "names": (a.name, b.name),
+                "baseline_m": float(np.linalg.norm(a.centre - b.centre)),
+                "angle_deg": float(np.rad2deg(np.linalg.norm(turn))),
+                "common_views": common,
+            }
 
 
 def _rms(off: Floats) -> float:
@@ -595,36 +581,32 @@ def _short(view: dict[str, Any]) -> str:
     return name if name and ", frame" not in name else f"frame {view['frame']}"
 
 
-def _camera_warnings(camera: dict[str, Any]) -> list[str]:
+def _camera_warnings(camera: dict[str, Any]) -> Iterator[str]:
     who = f"camera '{camera['name']}'"
-    found = []
     if camera["rms_px"] > max(3 * camera["rms_alone_px"], 1.0):
-        found.append(
+        yield (
             f"{who} fits by {camera['rms_alone_px']:.2f} px alone but by {camera['rms_px']:.2f} px together with "
             "the others: frames may not be synchronised, or a camera moved between views."
         )
-        return found  # what else the numbers say follows from that
+        return  # what else the numbers say follows from that
     if camera["rms_px"] > 1.0:
-        found.append(
+        yield (
             f"{who} misses corners by {camera['rms_px']:.2f} px (below 0.5 is usual): blurred or moving "
             "boards, a board that is not flat, or a lens that needs more than k1 k2 p1 p2 k3."
         )
     if camera["used"] < 10:
-        found.append(
-            f"{who} has {camera['used']} views; 15 or more, in different tilts, are better."
-        )
+        yield (f"{who} has {camera['used']} views; 15 or more, in different tilts, are better.")
     if camera["coverage"] < 0.5:
-        found.append(
+        yield (
             f"{who}: corners cover {100 * camera['coverage']:.0f} % of the image; its distortion is a guess elsewhere."
         )
     sure = camera["lens_std"]["fx"] / camera["lens"]["fx"]
     if sure > 0.01:
-        found.append(
+        yield (
             f"{who}: its focal length is known to {100 * sure:.1f} % only; tilt the board more (30° to 45°)."
         )
     if abs(camera["skew_px"]) > max(4 * camera["skew_std_px"], 1.0):
-        found.append(
+        yield (
             f"{who}: a skew of {camera['skew_px']:.2f} px would fit better, but skew is not modelled (OpenCV "
             "ignores it, and so would everything after). A warped board or print scaled unevenly looks the same."
         )
-    return found

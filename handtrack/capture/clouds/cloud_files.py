@@ -6,6 +6,7 @@ points costs no more memory than the part of it that is kept.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -81,24 +82,24 @@ def _suffix(path: Path) -> str:
     return path.suffix.lower()
 
 
-def _extent_warning(path: Path, points: Floats, world_unit_m: float) -> list[str]:
+def _extent_warning(path: Path, points: Floats, world_unit_m: float) -> Iterator[str]:
     if len(points) < 2:
-        return []
+        return
     # quantiles: one stray point says nothing about the unit
     low, high = np.quantile(points, [0.05, 0.95], axis=0)
     extent = float((high - low).max())
     if extent <= _LARGE_M:
-        return []
+        return
     hint = ""
     if world_unit_m == 1.0:
         hint = (
             " Are they millimetres? Then set world_unit_m = 0.001 in [session], if calibration.toml is in "
             "millimetres too; if that is in metres, write the clouds in metres."
         )
-    return [
+    yield (
         f"{path}: the points are spread over {extent:.0f} m, with world_unit_m = {world_unit_m:g}; "
         f"a hand before a camera fills less than a metre.{hint}"
-    ]
+    )
 
 
 def _read_npz(path: Path, most: int) -> tuple[Floats, Array | None, int]:

@@ -11,7 +11,7 @@ import os
 import re
 import struct
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -376,18 +376,17 @@ def _mask(image: Array, path: Path) -> Bytes:
     return image
 
 
-def _oddities(data: bytes, image: Array, path: Path) -> list[str]:
-    """Return what a colour image may not have been meant to be."""
-    found, raw = [], _decoded(data, _AS_IT_IS)
+def _oddities(data: bytes, image: Array, path: Path) -> Iterator[str]:
+    """Yield what a colour image may not have been meant to be."""
+    raw = _decoded(data, _AS_IT_IS)
     if raw is not None and raw.dtype == np.uint16 and raw.max() < _DIM_16:
-        found.append(
+        yield (
             f"{path}: a picture of 16 bits whose largest value is {raw.max()}; as the upper 8 bits are used, it is dark. "
             "If these are 10 or 12 bits, scale them to the whole range, or save 8 bits."
         )
     as_stored = _decoded(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if as_stored is not None and not np.array_equal(as_stored, image):
-        found.append(
+        yield (
             f"{path}: the file asks to be turned or mirrored (EXIF orientation), which is done, also when calibrating. If "
             "the calibration was made otherwise, take that mark out of the files."
         )
-    return found

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import threading
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -89,12 +89,11 @@ def file_stamp(path: Path) -> str:
     return f"{about.st_size}-{about.st_mtime_ns}-{digest:08x}"
 
 
-def oddities(announced: int, times_ms: Floats[F]) -> list[str]:
-    """Return what is odd about a video's frames, in sentences: cut off, or unevenly spaced. times_ms: of all frames."""
-    found: list[str] = []
+def oddities(announced: int, times_ms: Floats[F]) -> Iterator[str]:
+    """Yield what is odd about a video's frames, in sentences: cut off, or unevenly spaced. times_ms: of all frames."""
     count = len(times_ms)
     if announced > count:
-        found.append(
+        yield (
             f"announces {announced} frames, but only {count} can be decoded; it is cut off "
             f"or damaged. Frames from {count} on count as missing."
         )
@@ -103,12 +102,11 @@ def oddities(announced: int, times_ms: Floats[F]) -> list[str]:
         uneven = np.flatnonzero(steps > _UNEVEN * usual)
         if len(uneven):
             worst = int(uneven[np.argmax(steps[uneven])])
-            found.append(
+            yield (
                 f"{len(uneven)} steps between frames are longer than the usual "
                 f"{usual:.1f} ms (the longest {steps[worst]:.0f} ms after frame {worst}); frames "
                 "were dropped, or the rate varies. Give timestamps if cameras must agree."
             )
-    return found
 
 
 _CACHE_BYTES = 64 << 20
