@@ -30,6 +30,7 @@ from handtrack.arrays import (
     array_dataclass,
     evenly_spread,
 )
+from handtrack.capture.images.openpose import FINGERS
 from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
 from handtrack.files.npz_files import read_arrays
@@ -145,9 +146,8 @@ class ManoModel:
         joints, ends = self.posed(betas, pose, place, tips)
         points = {"wrist": joints[:, 0]}
         for f, finger in enumerate(_FINGERS):
-            parts = ("cmc", "mcp", "ip") if finger == "thumb" else ("mcp", "pip", "dip")
-            points |= {f"{finger}_{part}": joints[:, 1 + 3 * f + k] for k, part in enumerate(parts)}
-            points[f"{finger}_tip"] = ends[:, f]
+            own = *joints.swapaxes(0, 1)[1 + 3 * f :][:3], ends[:, f]
+            points |= {f"{finger}_{part}": own[k] for k, part in enumerate(FINGERS[finger])}
         return np.stack([points[name] for name in keypoint_names()], axis=1)
 
 

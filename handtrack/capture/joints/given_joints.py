@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D2, D3, D21, Floats, K, N, indices
-from handtrack.capture.images.openpose import LAYOUTS, height, is_body, write_points
+from handtrack.capture.images.openpose import FINGERS, LAYOUTS, height, is_body, write_points
 from handtrack.errors import HandtrackError
 
 # ---- Names that people give the 21 points of a hand, and the joints of a body, as ours
@@ -45,8 +45,6 @@ _PARTS = _by_word(
         "tip": "tip, end, fingertip",
     }
 )
-_BY_NUMBER = {"thumb": ("cmc", "mcp", "ip", "tip")}
-_USUAL = ("mcp", "pip", "dip", "tip")
 _SIDES = _by_word({"right": "right, r, rh", "left": "left, l, lh"})
 _FILLING = {
     "hand",
@@ -79,11 +77,9 @@ def known_joint(name: str) -> tuple[str, str] | None:
             return "wrist", side
         is_number = len(left) == 1 and len(numbers) == 1 and numbers[0] < len(JOINTS)
         return (JOINTS[numbers[0]], side) if is_number else None
-    usual = _BY_NUMBER.get(finger, _USUAL)
-    part = (
-        parts[0] if parts else usual[numbers[0] - 1] if numbers and 1 <= numbers[0] <= 4 else None
-    )
-    joint = f"{finger}_{part}"
+    if numbers and not parts and 1 <= numbers[0] <= 4:
+        parts = [FINGERS[finger][numbers[0] - 1]]
+    joint = f"{finger}_{''.join(parts[:1])}"
     return (joint, side) if joint in JOINTS else None
 
 
