@@ -31,6 +31,8 @@ DOT = (
     1 / 600
 )  # half a dot's radius, of the image's longer side: seen on a thumbnail, and smaller than a detector's error
 OUTLINE = (255, 194, 10)
+_LETTER_PX, _LEAST = 22, 0.3
+"""height of OpenCV's letters at size 1, and the least size at which they are read"""
 
 
 def predicted_image(
@@ -62,14 +64,16 @@ def residual_picture(
     away = np.median((ellipsoids.centre - camera.centre) @ camera.rotation[2])
     scale = camera.matrix[0, 0] / max(float(away), 1e-6)
     labels, areas = pieces((mask > 0.5) & ~model, 0.5 * THICK_M * scale)
+    # letters as high as half a finger is thick: a view that follows the model enlarges them with it
+    size = max(min(0.5 * THICK_M * scale / _LETTER_PX, max(mask.shape) / 1000), _LEAST)
     for number, area in enumerate(areas, start=1):
         lines, _ = cv2.findContours(
             (labels == number).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
         )
         cv2.drawContours(picture, lines, -1, OUTLINE, 2)
         x, y, _, _ = cv2.boundingRect(lines[0])
-        words, size = f"{area * (1e3 / scale) ** 2:.0f} sq mm", max(mask.shape) / 1000
-        for colour, thick in (((0, 0, 0), 4), (OUTLINE, 1)):
+        words = f"{area * (1e3 / scale) ** 2:.0f} sq mm"
+        for colour, thick in (((0, 0, 0), 2), (OUTLINE, 1)):
             cv2.putText(
                 picture,
                 words,

@@ -269,8 +269,18 @@ body:has(div[style*="pointer-events: none"][style*="opacity 150ms"]) #handtrack-
 .handtrack-row > :first-child { overflow-wrap: normal; }
 .handtrack-row > b { text-align: right; font-variant-numeric: tabular-nums; }
 .handtrack-chip { display: inline-block; width: .7em; height: .7em; border-radius: 2px; margin-right: .4em; }
+/* on a phone the panel is a sheet below the scene, as wide as the window */
+@media (max-width: 575px) {
+  .mantine-Paper-root[style*="position: fixed"]:has(.handtrack-head) { width: 100vw !important; max-height: 45vh !important; }
+  .mantine-Paper-root[style*="position: fixed"]:has(.handtrack-head) div[style*="width: 20em"] { width: 100% !important; }
+  .mantine-ScrollArea-viewport > .mantine-ScrollArea-content { padding-right: 0; }
+  .mantine-Notifications-root { width: calc(100vw - 20px) !important; }
+  div:has(> div > .handtrack-timeline) { position: relative; }
+  .handtrack-next:not(:empty) { display: none; }
+  div:has(> .handtrack-next.handtrack-aside) + div { position: absolute; inset: 24px 90px auto 172px; }
+}
 /* in a low window, as of 150 %, the tabs need the room: the session's counts and a reason's numbers go, and the others share a line */
-@media (max-height: 640px) {
+@media (max-height: 640px), (max-width: 575px) {
   .handtrack-counts, .handtrack-detail { display: none; }
   .handtrack-score > .handtrack-row { display: inline-flex; gap: .35em; margin-right: .8em; }
 }
