@@ -75,21 +75,19 @@ def test_the_surface_stands_where_the_ellipsoids_did(cloudy):
 
 
 def test_another_model_takes_the_hands_place(cloudy):
+    layout, state = cloudy.layout, cloudy.state
+    coupling = layout.settings.controls["model.coupling"].widget
     with WireClient(cloudy.url) as client:
         for place, (name, bones) in enumerate((("glove9", 3), ("hand26", 25))):
             cloudy.engine.set_setting("model.name", name)
-            eventually(
-                lambda bones=bones: (
-                    cloudy.stage.hand and len(cloudy.stage.hand.bone_length) == bones
-                ),
-                f"{name} has its bones",
-            )
-            eventually(lambda: set(cloudy.layout.pose.sliders) == set(cloudy.state.names))
-            eventually(lambda: len(cloudy.state.values) == len(cloudy.state.names))
-            eventually(lambda bones=bones: cloudy.layout.pose.library.visible == (bones > 3))
-            version = cloudy.state.version
-            client.set_value(cloudy.layout.pose.sliders["root_tx"], 5.0 + place)
-            eventually(lambda version=version: cloudy.state.version > version)
+            eventually(lambda bones=bones: len(cloudy.stage.hand.bone_length) == bones, name)
+            eventually(lambda: set(layout.pose.sliders) == set(state.names))
+            eventually(lambda: len(state.values) == len(state.names))
+            shown = bones > 3
+            eventually(lambda shown=shown: layout.pose.library.visible == coupling.visible == shown)
+            version = state.version
+            client.set_value(layout.pose.sliders["root_tx"], 5.0 + place)
+            eventually(lambda version=version: state.version > version)
 
 
 def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(tmp_path):

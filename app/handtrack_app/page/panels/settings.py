@@ -36,6 +36,8 @@ _OBSERVED_AS = {
     "silhouettes": SILHOUETTES, "cloud": CLOUD, "keypoints": KEYPOINTS, "edges": IMAGES, "intensity": IMAGES,
 }  # fmt: skip
 """groups of settings → what they weigh"""
+_OF_FINGERS = ("model.coupling", "model.forearm", "model.spread_")
+"""settings without an effect on a model whose fingers have no joints of their own"""
 _OPEN = 2  # folders of limits that are open at first
 _FARTHEST = 3.0  # standard deviations of adults that the slider reaches
 _GROUP = "<div style='font-weight:600;margin-top:.45em;text-transform:capitalize'>{}</div>"
@@ -181,10 +183,13 @@ class SettingsPanel(Panel):
         self.shape = ShapePanel(page)
 
     def _counts(self, setting: Setting) -> bool:
-        """Return whether the recording has what a setting weighs, or somebody changed it all the same."""
+        """Return whether recording and model have what a setting is about, or somebody changed it all the same."""
         session = self.state.session
+        lacking = session.kind == "hand" and "index_dip_flex" not in session.parameter_names
         about = _OBSERVED_AS.get(setting.name.partition(".")[0])
         changed = setting.name in session.unsaved["setting"]
+        if lacking and setting.name.startswith(_OF_FINGERS):
+            return changed
         return about is None or about in session.observed or changed
 
     def _add(self, setting: Setting) -> None:
