@@ -151,6 +151,8 @@ def _are_named(rows: Any) -> TypeGuard[Sequence[Mapping[str, Any]]]:
 
 
 MODELS = ("hand26", "glove9", "ball6", "body34", "body38")
+SIMPLER_HANDS = ("glove9", "ball6")
+"""of them those without fingers of their own: what masks differ from them by says nothing of a person's size, nor when they were taken"""
 COUPLINGS = ("26", "21", "18")
 _SHIPPED = Path(__file__).parent / "definitions"
 _MM = 1e-3

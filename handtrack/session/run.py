@@ -23,7 +23,7 @@ from handtrack.model.articulated import (
     keypoint_names,
 )
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.model_file import load_model, read_scale
+from handtrack.model.model_file import SIMPLER_HANDS, load_model, read_scale
 from handtrack.model.size import (
     FOREARM_END,
     hand_length_mm,
@@ -183,12 +183,17 @@ class TrackingRun:
         """Whether session and settings ask for the hand's size to be fitted, or where a detector sees its joints."""
         if self.settings.model.fit_size == "false":
             return False
-        return self.session.hand_scale == "fit" or self.offsets_are_open
+        return self.asks_for_size or self.offsets_are_open
+
+    @property
+    def asks_for_size(self) -> bool:
+        """Whether session.toml asks for lengths and girths that the model can tell."""
+        return self.session.hand_scale == "fit" and self.model.name not in SIMPLER_HANDS
 
     @property
     def fits_sizes(self) -> bool:
         """Whether `fit_size` finds lengths and girths, not only where a detector sees joints."""
-        return self.session.hand_scale == "fit" and self.session.prior_person is None
+        return self.asks_for_size and self.session.prior_person is None
 
     @property
     def offsets_are_open(self) -> bool:
@@ -288,7 +293,15 @@ class TrackingRun:
     @property
     def notes(self) -> list[str]:
         """A sentence for each setting without effect."""
-        return ineffective_settings(self.settings, self.session, self.model.kind)
+        found, name = (
+            ineffective_settings(self.settings, self.session, self.model.kind),
+            self.model.name,
+        )
+        if self.session.hand_scale == "fit" and name in SIMPLER_HANDS:
+            found.append(
+                f'scale = "fit" has no effect: {name} is too simple to tell the hand\'s size.'
+            )
+        return found
 
     def with_scale(self, scale: HandScale) -> TrackingRun:
         """Return the run for a hand of another size."""
@@ -674,7 +687,7 @@ def _subject(run: TrackingRun) -> Subject:
     def build(scale: HandScale) -> ArticulatedModel:
         return replace(run.with_scale(scale).model, limits=run.model.limits)
 
-    sizes, offsets = run.session.hand_scale == "fit", run.offsets_are_open
+    sizes, offsets = run.asks_for_size, run.offsets_are_open
     return Subject(build, sizes, offsets, run.prior_person)
 
 

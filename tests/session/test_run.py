@@ -27,9 +27,9 @@ from handtrack.session.run import (
     size_of_frames,
     tracked_for_size,
 )
-from handtrack.session.session_file import CameraSettings
+from handtrack.session.session_file import CameraSettings, HandSettings
 from handtrack.simulation.motion import motion
-from handtrack.simulation.simulate import Simulation, simulate
+from handtrack.simulation.simulate import Simulation, simulate, simulated_rig
 from handtrack.tracking.frame.confidence import frame_confidence
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
@@ -37,6 +37,7 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import model_of
 from tests.app.command_line import QUICK
 from tests.experiments.scenes.simulated_clouds import Sensor, depth_views
+from tests.session.small_session import joints_session
 from tests.tracking.test_shared_cameras import camera_at, waving_poses
 
 
@@ -119,7 +120,7 @@ def run_of(scale, observations, first=None):
 
     return SimpleNamespace(
         model=load_model("hand26", scale=scale), settings=TrackerSettings(), scale=scale, first=first, with_scale=with_scale,
-        observation_of=lambda result: observations[result.frame], sees_joints=False, offsets_are_open=False, prior_person=None, size_is_open=True,
+        observation_of=lambda result: observations[result.frame], sees_joints=False, offsets_are_open=False, prior_person=None, size_is_open=True, asks_for_size=True,
         session=SimpleNamespace(hand_scale="fit"),
     )  # fmt: skip
 
@@ -200,7 +201,7 @@ def recording(masks="masks/*.png", images=None, clouds=False):
 
 
 @pytest.mark.parametrize(
-    ("values", "seen", "idle"),
+    "values, seen, idle",
     [
         ({"cloud.weight": 0, "silhouettes.outline_sigma_mm": 2}, {}, []),
         ({"cloud.balance": 0.2}, {"clouds": True}, []),
@@ -215,3 +216,11 @@ def recording(masks="masks/*.png", images=None, clouds=False):
 def test_only_what_is_idle_is_named(values, seen, idle):
     said = ineffective_settings(TrackerSettings().with_values(values), recording(**seen), "hand")
     assert [text.partition(" ha")[0] for text in said] == idle
+
+
+def test_what_is_too_simple_does_not_tell_a_size(tmp_path):
+    session = Session.open(
+        joints_session(tmp_path, simulated_rig(2, (320, 240)), HandSettings(scale="fit"))
+    )
+    ball = TrackingRun.open(session, {"model.name": "ball6"})
+    assert not ball.size_is_open and "ball6" in ball.notes[-1]

@@ -599,7 +599,10 @@ def most_observations(seen: Kept) -> int:
 # ---- How far a detector's joints are off in a recording, as its cameras disagree
 
 
-_JOINT_FRAMES = 32  # looked at, spread over all: 32 x 21 points tell a median to some per cent
+_JOINT_FRAMES = (
+    32  # looked at, spread over those with joints: 32 x 21 points tell a median to some per cent
+)
+_MORE_JOINT_FRAMES = 512  # where the files of many say that there is nobody
 _FEWEST_JOINTS = 100  # points; fewer say nothing
 _DEFINITION_M = 0.002
 """how far a point of the hand that a detector, or a person, means moves in the bone's frame as the hand moves: bone lengths that persons mark
@@ -615,14 +618,24 @@ def joint_sigma_px(views: tuple[View, ...]) -> float | None:
     residual is taken out first: it is an error of the calibration, not of the detector. What cameras agree on is no better than a point
     of a hand is defined.
     """
-    last = min((v.keypoint_files.frames.stop for v in views if v.keypoint_files), default=0)
-    found = [
-        point
-        for frame in evenly_spread(last, _JOINT_FRAMES)
-        for point in _triangulation_residuals(
-            [j for view in views for j in view.keypoints(frame, 1.0)]
-        )
+    files = {view: view.keypoint_files for view in views if view.keypoint_files is not None}
+    last = max((view.session_frames(of.frames).stop for view, of in files.items()), default=0)
+    shared = [
+        frame
+        for frame in range(last)
+        if sum(view.own_frame(frame) in of.files for view, of in files.items()) > 1
     ]
+    found: list[tuple[dict[str, Floats[D2]], float]] = []
+    for most in (_JOINT_FRAMES, _MORE_JOINT_FRAMES):
+        found = [
+            point
+            for row in evenly_spread(len(shared), most)
+            for point in _triangulation_residuals(
+                [joints for view in files for joints in view.keypoints(shared[row], 1.0)]
+            )
+        ]
+        if len(found) >= _FEWEST_JOINTS:
+            break
     if len(found) < _FEWEST_JOINTS:
         return None
     constant = {
@@ -634,7 +647,7 @@ def joint_sigma_px(views: tuple[View, ...]) -> float | None:
         axis=0,
     )
     hands = set(keypoint_names())
-    of_hand = all(hands >= set(v.keypoint_files.layout.points) for v in views if v.keypoint_files)
+    of_hand = all(hands >= set(of.layout.points) for of in files.values())
     least_m = _DEFINITION_M * (1.0 if of_hand else BODY_BY_HAND)
     return float(np.sqrt(squares + (least_m * pixels_per_m) ** 2))
 

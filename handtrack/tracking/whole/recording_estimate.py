@@ -10,6 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, C, F, Floats, K, P, array_dataclass, evenly_spread, runs
 from handtrack.geometry.rotation import closest_equivalent
+from handtrack.model.model_file import SIMPLER_HANDS
 from handtrack.model.pose_changes import TURN
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import in_parallel, one_blas_thread
@@ -219,7 +220,7 @@ def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     points = [one for seen, _ in samples for one in seen.keypoints]
     detected = any(isinstance(one, ImageKeypoints) for one in points)
     likelihood = likelihood.knowing(wide=detected and likelihood.model.kind == "hand")
-    timed = estimate.duration_s >= NEW_POSE_S
+    timed = estimate.duration_s >= NEW_POSE_S and likelihood.model.name not in SIMPLER_HANDS
     later = [likelihood.frames_later[frame] for frame in estimate.frames]  # `new_share` read all
     cameras = CameraChanges.of([one for one, _ in samples], later)
     # a camera in which a detector sees the whole hand to one side seems to be turned, or else late
@@ -236,7 +237,8 @@ def descend(estimate: RecordingEstimate) -> RecordingEstimate:
 def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate with cameras corrected, where that explains more than as many numbers would of nothing. Raises StoppedError."""
     found, numbers = estimate.solution, estimate.frames
-    if not found.cameras.count or estimate.duration_s < _MOVED_S:
+    too_short = estimate.duration_s < _MOVED_S
+    if not found.cameras.count or too_short or estimate.likelihood.model.name in SIMPLER_HANDS:
         return estimate
     cameras = found.cameras.finding(ALL)
     likelihood = estimate.likelihood.sharing(found.shared.through(cameras))
