@@ -440,6 +440,8 @@ if (document.getElementById("handtrack-style") === null) {
   document.addEventListener("click", (event) => {
     const button = event.target instanceof Element ? event.target.closest('button, [role="tab"], input[type="checkbox"]') : null;
     if (button && event.detail > 0) button.blur();
+    const option = event.target instanceof Element && event.target.closest('[role="option"]') !== null;
+    if (option && event.detail > 0) setTimeout(() => document.activeElement?.blur());  // else keys are typed into the choice
   });
   // names for screen readers: viser's sliders, boxes and transport signs have none
   const signs = {"⇤": "First frame", "←": "Previous frame", "▶": "Play or pause", "→": "Next frame", "⇥": "Last frame",

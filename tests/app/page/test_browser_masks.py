@@ -23,7 +23,8 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
         view.show_tab("Masks")
         view.row("Masks from").locator("input:visible").click()
         page.get_by_role("option", name="skin, fixed colours").click()
-        eventually(lambda: bench.layout.masks.correcting.words.content)
+        eventually(lambda: bench.layout.masks.sheet.content)
+        assert page.evaluate("document.activeElement.tagName") == "BODY", "keys act again"
         view.press("Paint over the mask")
         eventually(lambda: stands(bench))
         page.wait_for_function("document.body.dataset.brush > 0")
