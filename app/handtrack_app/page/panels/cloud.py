@@ -24,7 +24,7 @@ from handtrack_app.protocol import (
     SessionSnapshot,
 )
 
-_COLOURS = {"distance to the model": "residual", "measured colour": "own", "plain": "plain"}
+_COLOURS = {"distance to model": "residual", "measured colour": "own", "plain": "plain"}
 _PICTURES = {"cameras and points": "images", "stereo match": "stereo", "none": "none"}
 _FILTER_WORDS = {
     "range": "sensor's range", "crop": "near the last hand", "skin": "skin colour", "component": "connected part",
