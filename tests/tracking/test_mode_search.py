@@ -108,7 +108,7 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     rows = [[_at(pose, 5.0, sure)] + [_at(x, 5.5, sure) for x in others] for others in ((), (near,), (far,))]  # fmt: skip
     known = np.tile(1e-6 * np.eye(3), (len(HAND.joint_names), 1, 1))
     result = posed_result(HAND, Observation(0, 0.0), pose)
-    told = {"p_off_25mm": 0.1, "p_off_10mm": np.full(6, 0.02)}
+    told = {"p_off_25mm": 0.18, "p_off_10mm": np.full(6, 0.02)}
     results = [replace(result, joint_covariance=known, **told)] * 3
     alone, two, apart = with_alternatives(HAND, results, Trellis(rows, 100.0 * np.eye(26), 1.0))
     assert [len(r.alternatives) for r in (alone, two, apart)] == [0, 2, 2]
@@ -118,8 +118,8 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     assert other.weight == pytest.approx(np.exp(-0.5) / (1 + np.exp(-0.5)), abs=0.01)
     assert apart.status == Status.DOUBTFUL
     assert apart.reason.part == "index tip"
-    assert alone.p_off_25mm == 0.1
-    assert two.p_off_25mm == pytest.approx(0.1)
+    assert alone.p_off_25mm == 0.18
+    assert two.p_off_25mm == pytest.approx(0.18)
     odds = (999.0 * other.weight / held.weight) ** ELSEWHERE / 49.0
     assert apart.p_off_25mm > 0.2
     assert_allclose(apart.p_off_10mm, np.where(np.arange(6) == 2, odds / (1.0 + odds), 0.02))

@@ -356,7 +356,7 @@ MASKS = Calibration(0.77, 0.0, 0.56, 9.6, 0.99, 0.0)
 """how badly masks fit tells nothing of joints: exponents of 0.26 and 0.41 bring 0.03 of a log-likelihood of 17.8 a frame"""
 JOINTS = Calibration(0.77, 0.0, 2.0, 7.8, 1.0, 0.0)
 """joints that a detector sees, which err alike in all cameras. Fitted to 23 made recordings and the bundled two videos alike it would be 0.81,
-2.27, 7.86, 0.93, by which not 13 but 16 % of `desk_two_view` had low confidence (bar 15); to made ones alone as MASKS, but then 60 % of
+2.27, 7.86, 0.93; to made ones alone as MASKS, but then 60 % of
 the videos' joints are in their 90 % region, not 83 %"""
 CLOUD = Calibration(0.7, 0.3, 1.4, 1.45, 0.56, 0.7)
 """a cloud's covariance has the hand's own shape in it already: `cloud.sigma_mm` for each patch"""
@@ -364,17 +364,18 @@ BODY = Calibration(1.7, 0.0, 8.0, 0.0, 0.0, 0.0)
 """by joints that a detector sees, which are a skeleton's of its own: `handtrack bench honesty_bodies`, one to three cameras"""
 
 MISSED = 5.0
-"""what a wrong frame costs that nobody looks at, where a look costs 1: a look pays above a probability of 1 / MISSED. The least whole
-number by which four of five wrong frames of `tune` were named by figures that were fitted to other recordings"""
-ALWAYS = -4.86
-SIGNS = {"moved": 0.77, "open": 0.89}
-"""logarithm of the odds of a gross error: ALWAYS where no sign tells of one, and what each adds times its size; none subtracts. Closed
-fingers were a sign before other paths were: beside these they tell nothing more"""
-ELSEWHERE = 0.15
+"""what a wrong frame costs that nobody looks at, where a look costs 1: a look pays above a probability of 1 / MISSED. By 5
+a fifth of the frames are looked at, and two of three wrong ones found; by 7, 28 % and four of five"""
+ALWAYS = -5.97
+SIGNS = {"moved": 0.31, "open": 1.92, "free": 0.77}
+"""logarithm of the odds that a frame is wrong: ALWAYS where no sign tells of it, and what each adds times its size; none subtracts. The
+tail of what is stated tells less than its width does: of errors above 25 mm few are noise"""
+ELSEWHERE = 0.06
 """what the odds of other paths, in units of one in a thousand, add to the logarithm of the odds of being off (`with_paths`)"""
-MOVED_UNKNOWN = 0.64
-"""the sign `moved` of a live frame, which the frames after have yet to move: its mean over frames of both halves"""
-PART = (-4.11, 2.28)
+UNKNOWN = {"moved": 0.63, "free": 0.74}
+"""signs of a live frame, which the frames after have yet to move, and which has no time to put fingers elsewhere: means over frames of
+both halves"""
+PART = (-3.99, 2.43)
 """logarithm of the odds that a part is 10 mm off: always, and times the logarithm of its least sure joint's stated standard deviation in
 units of 3 mm. How far later frames moved the part, or all of it, adds nothing"""
 
@@ -482,23 +483,22 @@ def failure_probabilities(
     joint_covariance
         calibrated [m²]
     signs
-        by the names of SIGNS, each 0 where nothing tells of an error: `moved_sign`; `open_sign`, if the model were the hand
+        `moved_sign` and `free_sign`, by the names of SIGNS, each 0 where nothing tells of an error
 
     Returns
     -------
     tuple
         the probability that some joint is more than 25 mm off; that some joint of each of PARTS is more than 10 mm off (6,); the
-        sign that adds most to the first, or `open`: the observation itself
+        sign that adds most to the first, one of SIGNS
     """
+    signs = {**signs, "open": open_sign(joint_covariance)}
     added = {name: weight * signs[name] for name, weight in SIGNS.items()}
-    gross = float(_logistic(np.array(ALWAYS + sum(added.values()))))
-    tail = float(probably_beyond(joint_covariance, FRAME_OFF_M).max())
+    wrong = float(_logistic(np.array(ALWAYS + sum(added.values()))))
     part, spread = np.array([part_of(n) for n in model.joint_names]), spread_m(joint_covariance)
     least = np.array([spread[part == p].max() if (part == p).any() else 0.0 for p in PARTS])
     always, by_spread = PART
     parts = _logistic(always + by_spread * np.log(np.maximum(least / _OPEN_M, _CLOSED)))
-    telling = "open" if tail > gross else max(added, key=lambda name: added[name])
-    return 1 - (1 - tail) * (1 - gross), parts, telling
+    return wrong, parts, max(added, key=lambda name: added[name])
 
 
 def moved_sign(moved_m: float) -> float:
@@ -588,7 +588,7 @@ def frame_confidence(
     params: Floats[P],
     energy: float,
     previous: Sequence[FrameResult],
-    moved_m: float | None = None,
+    refined: Mapping[str, float] | None = None,
 ) -> FrameResult:
     """Return a frame at solver parameters with what is to be said of it.
 
@@ -596,8 +596,8 @@ def frame_confidence(
     ----------
     result
         With the energies of its terms, and the covariance of its joints [m²] if the model were the hand.
-    moved_m
-        How far the frames after moved a joint, None as long as they are not known. Then a misfit
+    refined
+        Signs of a frame that the frames after have refined, `moved` and `free`; None as long as they are not known. Then a misfit
         alone is a doubt, which another search may end; later it is one sign of many, and tells
         least: of 85 such frames 8 were wrong.
     """
@@ -616,9 +616,7 @@ def frame_confidence(
         reported += rescaled[:, :, None] * rescaled[:, None, :]
     off_25, off_10, may_be_off = float("nan"), None, None
     if model.has_keypoints21:
-        moved = MOVED_UNKNOWN if moved_m is None else moved_sign(moved_m)
-        signs = {"moved": moved, "open": open_sign(result.joint_covariance)}
-        off_25, off_10, telling = failure_probabilities(model, reported, signs)
+        off_25, off_10, telling = failure_probabilities(model, reported, refined or UNKNOWN)
         part = PARTS[int(np.argmax(off_10))]
         own = np.array([part_of(name) == part for name in model.joint_names])
         may_be_off = _unsure("off", off_25, _WORDS[part], reported[own], telling)
@@ -629,7 +627,7 @@ def frame_confidence(
         name = model.joint_names[joint].replace("_", " ")
         may_be_off = _unsure("far off", float(beyond[joint]), name, reported[[joint]])
     status, reason = assess(terms, bones, energy, previous)
-    if moved_m is not None and reason is not None and reason.kind == "energy":
+    if refined is not None and reason is not None and reason.kind == "energy":
         status, reason = Status.TRACKED, None
     if status == Status.TRACKED:
         odd, most = odd_size(model), terms.settings.tracker.doubtful_mm

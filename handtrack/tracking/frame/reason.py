@@ -75,6 +75,7 @@ class Reason:
 SIGNS = {
     "open": "the observations do not constrain it",
     "moved": "later frames moved it",
+    "free": "a finger fits elsewhere about as well",
 }
 """why a pose may be wrong, in words: the sign stands in the place of a camera's name"""
 

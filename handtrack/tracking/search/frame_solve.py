@@ -23,7 +23,7 @@ from handtrack.sampling.suppression import apart
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.levenberg_marquardt import SolveSummary, solve
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.confidence import FEWEST_FRAMES, energy_ratio
+from handtrack.tracking.frame.confidence import FEWEST_FRAMES, FRAME_OFF_M, energy_ratio
 from handtrack.tracking.frame.constants import BODY_BY_HAND, DOUBTFUL_CLOUD, SEARCH_EVERY
 from handtrack.tracking.frame.control import Control, Round, Search, Tried
 from handtrack.tracking.frame.descent import LAST_GAIN, descend, stage_problem
@@ -257,6 +257,10 @@ def _solved_simpler(task: FrameTask, params: Floats[P], kind: str) -> Step:
 
 # Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
 _FLEX, _SPREAD, _CURL = (0.2, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8), (0.1, 0.4, 0.75)
+_ENDS = [(flex, 0.5, curl, curl) for flex, curl in product((0.2, 0.85), (0.1, 0.75))]
+"""places of a finger that tell whether anything holds it: as good as all (`free_sign`)"""
+_FIXED = 1e3
+"""nats that it costs to put a finger elsewhere that cannot go far"""
 _WRIST = (0.2, 0.5, 0.8)  # of both of the wrist's, for the forearm
 # of a body's shoulder and hip; elbow and knee bend by _CURL
 _SWING, _TWIST = (0.15, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8)
@@ -423,6 +427,29 @@ def finger_grid(far: Problem, params: Floats[P], most: int) -> list[tuple[str, F
         )
         best += [(places[n][0], part, places[n][1]) for n in islice(elsewhere, 1, 1 + of_each)]
     return [(part, start) for _, part, start in sorted(best, key=lambda row: row[0])[:most]]
+
+
+def free_sign(terms: FrameTerms, params: Floats[P]) -> float:
+    """Return how much less it costs to put the freest of a hand's fingers elsewhere, open or closed, than the one in the middle: the
+    logarithm of a ratio of what each adds in nats, and 1; 0 where all cost alike.
+
+    A finger that nothing shows costs as little elsewhere, however narrow the minimum is that it lies in. What is wrong with all of the hand,
+    flesh or masks, moves all five. Joints that a detector saw pull from however far: let go, they would leave every finger free.
+    """
+    problem, placements = stage_problem(terms.wide(), params), _placements(terms.model)
+    model, cost = terms.model, problem.cost(params)
+    joints = model.joint_positions(model.bones(params))
+    least = []
+    for names in (placements[finger][1] for finger in FINGERS if finger in placements):
+        places = [
+            place
+            for place in _placed(model, params, names, _ENDS)
+            if np.linalg.norm(model.joint_positions(model.bones(place)) - joints, axis=1).max()
+            > FRAME_OFF_M
+        ]
+        least.append(min(map(problem.cost, places), default=cost + _FIXED) - cost)
+    added = np.log1p(np.maximum(least or [0.0], 0.0))
+    return float(np.median(added) - added.min())
 
 
 def finger_shifts(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:

@@ -16,12 +16,12 @@ from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import in_parallel, one_blas_thread
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.confidence import HISTORY, assessed_as, frame_confidence
+from handtrack.tracking.frame.confidence import HISTORY, assessed_as, frame_confidence, moved_sign
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_task import posed_result
 from handtrack.tracking.frame.frame_terms import by_camera
 from handtrack.tracking.frame.result import FrameResult, Status
-from handtrack.tracking.search.frame_solve import POOR, poor_agreement
+from handtrack.tracking.search.frame_solve import POOR, free_sign, poor_agreement
 from handtrack.tracking.size.cameras import (
     ALL,
     CALIBRATION,
@@ -436,7 +436,9 @@ def _result(
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
         moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
         previous = tracked[max(n - HISTORY, 0) : n]
-        return frame_confidence(result, terms, pose, energy, previous, moved_m)
+        free = free_sign(terms, pose) if model.has_keypoints21 else 0.0
+        refined = {"moved": moved_sign(moved_m), "free": free}
+        return frame_confidence(result, terms, pose, energy, previous, refined)
     return assessed_as(result, before.status, before.reason)
 
 

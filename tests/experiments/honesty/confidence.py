@@ -32,7 +32,6 @@ from handtrack.tracking.frame.confidence import (
     Calibration,
     calibrated_covariance,
     failure_probabilities,
-    moved_sign,
     open_sign,
     part_of,
 )
@@ -75,8 +74,8 @@ class Judged:
     misfit: float
     seen: str
     """MASKS, or JOINTS beside them"""
-    moved: float
-    """`moved_sign`"""
+    refined: dict[str, float]
+    """`moved_sign` and `free_sign`"""
     stated: Floats
     """(21, 3, 3) [m²]"""
     said: Floats
@@ -97,9 +96,9 @@ def tracked(session: Path) -> dict[str, Any]:
         found = judged_as_usual(result, terms, *given)
         rows = [terms.model.joint_names.index(name) for name in keypoint_names()]
         model, curled, covariance, misfit, seen = asked
-        previous, moved_m = given[2:]
+        previous, refined = given[2:]
         frames[previous[-1].frame + 1 if previous else 0] = Judged(
-            model, curled, covariance[rows], misfit, "JOINTS" if seen is confidence.JOINTS else "MASKS", moved_sign(moved_m), found.joint_covariance[rows],
+            model, curled, covariance[rows], misfit, "JOINTS" if seen is confidence.JOINTS else "MASKS", refined, found.joint_covariance[rows],
             np.append(found.p_off_25mm, found.p_off_10mm),
         )  # fmt: skip
         return found
@@ -113,14 +112,6 @@ def tracked(session: Path) -> dict[str, Any]:
         track = run.result(run.track(run.session.frame_range, start, pose))
     truth = np.load(session / TRUTH_FILE)["keypoints21"][track.frame]
     return {"track": track, "truth": truth, "frames": frames}
-
-
-def signs_of(one: Judged) -> dict[str, float]:
-    """Return the signs that a frame was judged by."""
-    return {
-        "moved": one.moved,
-        "open": open_sign(one.covariance),
-    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +183,7 @@ class Half:
     def said(self) -> tuple[Floats[F], Floats]:
         """Return how probably each frame is wrong, and each part (F, 6), by the figures as they are."""
         odds = [
-            logit(np.append(*failure_probabilities(one.model, stated, signs_of(one))[:2]))  # pyright: ignore[reportArgumentType]
+            logit(np.append(*failure_probabilities(one.model, stated, one.refined)[:2]))  # pyright: ignore[reportArgumentType]
             for one, stated in zip(self.frames, self.covariance(), strict=True)
             if one is not None
         ]
@@ -245,13 +236,14 @@ def fit(half: Half) -> None:
     half = half.of(half.recording != _VIDEOS)
     known, wrong = half.known, half.wrong
     judged = [one for one in half.frames if one is not None]
-    confidence.ALWAYS, confidence.ELSEWHERE = -np.inf, 0.0
-    beside = 1.0 - half.said()[0][known]  # that nothing but a gross error makes it wrong
-    signs = np.array([[1.0, *signs_of(one).values()] for one in judged])
+    every = [
+        {**one.refined, "open": open_sign(stated)}
+        for one, stated in zip(judged, half.covariance()[known], strict=True)
+    ]
+    signs = np.array([[1.0, *map(row.__getitem__, confidence.SIGNS)] for row in every])
 
     def of_signs(values: Floats) -> float:
-        alone = 1.0 - beside * expit(-signs @ values[:-1])
-        off = expit(logit(alone) + values[-1] * half.elsewhere[known, 0])
+        off = expit(signs @ values[:-1] + values[-1] * half.elsewhere[known, 0])
         chance = np.clip(np.where(wrong[known], off, 1.0 - off), 1e-4, 1.0)
         return float(-np.log(chance).sum() / _ALIKE + 0.5 * (values[1:] ** 2).sum() / _WIDE**2)
 
@@ -260,7 +252,8 @@ def fit(half: Half) -> None:
     always, *weights, elsewhere = minimize(of_signs, start, bounds=bounds).x.round(2)
     confidence.ALWAYS, confidence.ELSEWHERE = float(always), float(elsewhere)
     confidence.SIGNS = dict(zip(confidence.SIGNS, map(float, weights), strict=True))
-    confidence.MOVED_UNKNOWN = round(float(np.mean([one.moved for one in judged])), 2)
+    for sign in confidence.UNKNOWN:
+        confidence.UNKNOWN[sign] = round(float(np.mean([one.refined[sign] for one in judged])), 2)
 
     true = half.parts_wrong[known]
     confidence.PART = (0.0, 1.0)
@@ -312,7 +305,7 @@ def main() -> None:
     others = held_out(every)
     fit(every)
     print("by other recordings, but for regions:", shares(every, others))
-    for name in ("MASKS", "JOINTS", "ALWAYS", "SIGNS", "ELSEWHERE", "MOVED_UNKNOWN", "PART"):
+    for name in ("MASKS", "JOINTS", "ALWAYS", "SIGNS", "ELSEWHERE", "UNKNOWN", "PART"):
         print(f"{name} = {getattr(confidence, name)}")
 
 
