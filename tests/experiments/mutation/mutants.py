@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 
 _OTHER_OPERATOR: dict[type, type] = {
     ast.Add: ast.Sub,
@@ -54,13 +55,16 @@ class Mutant:
 def mutants(source: str) -> list[Mutant]:
     """Return every mutant of a Python source, in the order of the file."""
     found = []
+    body = source.encode()
+    starts = [0, *accumulate(map(len, body.splitlines(keepends=True)))]
     for node in _nodes(ast.parse(source)):
-        before = ast.get_source_segment(source, node)
+        assert node.end_lineno is not None and node.end_col_offset is not None
+        first = starts[node.lineno - 1] + node.col_offset
+        end = starts[node.end_lineno - 1] + node.end_col_offset
         for changed in _changes(node):
             after = ast.unparse(ast.fix_missing_locations(changed))
-            found.append(
-                Mutant(node.lineno, before or "", after, _replaced(source, node, f"({after})"))
-            )
+            mutated = body[:first] + f"({after})".encode() + body[end:]
+            found.append(Mutant(node.lineno, body[first:end].decode(), after, mutated.decode()))
     return sorted(found, key=lambda mutant: (mutant.line, mutant.before, mutant.after))
 
 
@@ -101,14 +105,6 @@ def _changes(node: ast.expr) -> Iterator[ast.expr]:
             yield ast.Name(_OTHER_NAME[name])
         case ast.Attribute(value, name) if name in _OTHER_NAME:
             yield ast.Attribute(value, _OTHER_NAME[name])
-
-
-def _replaced(source: str, node: ast.expr, text: str) -> str:
-    lines = source.encode().splitlines(keepends=True)
-    assert node.end_lineno is not None and node.end_col_offset is not None
-    before = lines[: node.lineno - 1] + [lines[node.lineno - 1][: node.col_offset]]
-    after = [lines[node.end_lineno - 1][node.end_col_offset :], *lines[node.end_lineno :]]
-    return (b"".join(before) + text.encode() + b"".join(after)).decode()
 
 
 def _short(text: str) -> str:
