@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import cv2
 import numpy as np
@@ -26,7 +27,7 @@ from handtrack.terms.clouds import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.size.cameras import LATE, OUTLINE, CameraChanges
+from handtrack.tracking.size.cameras import LATE, NUMBERS, OUTLINE, TIME, ZOOMED, CameraChanges
 from handtrack.tracking.size.estimate import Shared, WholeEstimate
 from handtrack.tracking.size.person import PersonChange, Subject
 from handtrack.tracking.whole import recording_estimate
@@ -112,7 +113,7 @@ def test_a_camera_that_was_turned_is_put_right(monkeypatch):
     observe = watched(cameras, [TRUTH] * 3)
     live, frames, _ = refined(observe, POSES)
     monkeypatch.setattr(recording_estimate, "_MOVED_S", np.inf)  # cameras are left as they are
-    monkeypatch.setattr(recording_estimate, "DIRECTION", OUTLINE)
+    monkeypatch.setattr(recording_estimate, "DETECTOR", OUTLINE)
     left = refine(Recording(HAND, TrackerSettings(), observe), live)
     # measured 0.52 of 0.96 mm; where the room is nobody sees
     assert misplaced_mm(frames, TRUTH) < 0.65 * misplaced_mm(left, TRUTH)
@@ -148,7 +149,7 @@ def test_clean_cameras_are_left_alone_and_predicted_at_the_time_of_each_of_their
     _, whole, found = refined(observe, POSES)
     # measured 0.59, in step 0.5; 2.2 with one time for all frames
     assert mean_off_mm(whole, TRUTH) < 0.7
-    assert all(np.linalg.norm(one.turn_deg) < 0.1 for one in found.cameras)
+    assert all(np.linalg.norm(one.detector_bias_deg) < 0.1 for one in found.cameras)
     assert all(abs(one.late_frames) < 0.05 for one in found.cameras)
     assert found.why == "converged"
     assert found.scale is None
@@ -195,12 +196,12 @@ def test_masks_wider_than_the_hand_are_told_as_wide_as_they_are():
 
 def _changed(rng):
     cameras = (camera_at(0), camera_at(2))
-    scale = np.array([0.1] * 3 + [0.02] * 3 + [0.05, 0.4, 0.002])
-    return CameraChanges(cameras, scale * rng.normal(size=(2, 9)), (0, 2))
+    scale = np.array([0.1] * 3 + [0.02] * 3 + [0.05, 0.4, 0.002] + [0.05] * 3)
+    return CameraChanges(cameras, scale * rng.normal(size=(2, NUMBERS)), (0, 2))
 
 
 def test_the_recordings_time_is_that_of_the_cameras_in_step():
-    values = np.outer([0.05, 0.0, 0.3, 0.5], np.arange(9) == LATE)
+    values = np.outer([0.05, 0.0, 0.3, 0.5], TIME)
     assert CameraChanges((camera_at(0),) * 4, values, (0,) * 4).common == 0.05
 
 
@@ -212,8 +213,14 @@ def test_a_camera_is_corrected_from_what_is_told_of_it(rng):
         Shared(changes, PersonChange.none(HAND)), np.eye(changes.count),
     )  # fmt: skip
     told = Refinement.read(Refinement.of(found).text)
-    for camera, corrected in zip(changes.cameras, changes.corrected(), strict=True):
+    by_joints = changes.corrected(by_joints=True)
+    for camera, corrected, detector, error in zip(
+        changes.cameras, changes.corrected(), by_joints, told.cameras, strict=True
+    ):
         again = told.corrected(camera)
+        assert_allclose(
+            error.corrected(camera, by_joints=True).rotation, detector.rotation, atol=1e-5
+        )
         assert_allclose(again.matrix, corrected.matrix, atol=1e-4)
         assert_allclose(again.rotation, corrected.rotation, atol=1e-5)
         assert_allclose(again.centre, corrected.centre, atol=1e-6)
@@ -237,19 +244,21 @@ def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
     cameras.values[:, LATE] = 0.0
     pose = HAND.rest_params()[None]
 
-    def both(k):
+    def both(k, by_joints):
         """Return where a camera sees the changed hand, and its corrected one the hand as it is (B, 2)."""
-        changed = HAND.bones(cameras.views(pose, np.zeros_like(pose))[k].poses[0])
-        hand = HAND.bones(pose[0])
-        return cameras.cameras[k].project(changed.position), cameras.corrected()[k].project(hand.position)  # fmt: skip
+        views = cameras.views(pose, np.zeros_like(pose))
+        changed, hand = HAND.bones(views[k + 2 * by_joints].poses[0]), HAND.bones(pose[0])
+        corrected = cameras.corrected(by_joints)[k]
+        return cameras.cameras[k].project(changed.position), corrected.project(hand.position)
 
-    for k in range(2):
+    for k, by_joints in product(range(2), (False, True)):
         # a zoom is true to its share of the hand's own depth: 5 % of 0.1 m at 0.5 m, a hundredth of the picture
-        seen, expected = both(k)
+        seen, expected = both(k, by_joints)
         off, size = seen - expected, np.ptp(expected, axis=0).max()
         assert np.abs(off - off.mean(axis=0)).max() < 0.01 * size
-        cameras.values[k, 6] = 0.0
-        assert_allclose(*both(k), atol=1e-9)
+        zoom, cameras.values[k, ZOOMED] = cameras.values[k, ZOOMED], 0.0
+        assert_allclose(*both(k, by_joints), atol=1e-9)
+        cameras.values[k, ZOOMED] = zoom
 
 
 FRAMES = 11

@@ -7,7 +7,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from handtrack.arrays import D6, D9, Array, C, F, Floats, Ints, K, L, P, array_dataclass
+from handtrack.arrays import D6, D12, Array, C, F, Floats, Ints, K, L, P, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.model.pose_changes import PLACE, TURN, changes, moved
@@ -26,15 +26,21 @@ _COMMON_ZOOM = 1e-5
 """what all cameras are zoomed by together is the hand's size, or masks that are all too wide, and no camera's: held at nothing"""
 _WIDER_M = 0.0015
 """the usual error of an outline (`silhouettes.outline_sigma_mm`), all along it; eleven cameras of three recordings: 0.9 mm"""
-_SIGMA = np.array([_TURN_RAD / 3**0.5] * 3 + [_SHIFT_M / 3**0.5] * 3 + [_ZOOM, np.inf, _WIDER_M])
+_TURN = [_TURN_RAD / 3**0.5] * 3
+_SIGMA = np.array(_TURN + [_SHIFT_M / 3**0.5] * 3 + [_ZOOM, np.inf, _WIDER_M] + _TURN)
 _OTHER_FRAME = 0.75
 """frames by which a camera must be late before its next image is nearer for sure: half a frame, and a margin against going to
 and fro"""
-TURNED, SHIFTED, ZOOMED, LATE, WIDER = slice(0, 3), slice(3, 6), 6, 7, 8
-NUMBERS = 9
-ALL, TIME, OUTLINE = np.ones(9, bool), np.arange(9) == LATE, np.arange(9) == WIDER
-CALIBRATION, DIRECTION = np.arange(9) < LATE, np.arange(9) < SHIFTED.start
-"""which of a camera's numbers are found: all, when it saw, how wide its masks are, where and what it is, how it is turned"""
+TURNED, SHIFTED, ZOOMED, LATE, WIDER, BIAS = slice(0, 3), slice(3, 6), 6, 7, 8, slice(9, 12)
+NUMBERS = 12
+_EACH = np.arange(NUMBERS)
+CALIBRATION, TIME, OUTLINE, DETECTOR = (
+    _EACH < LATE,
+    _EACH == LATE,
+    _EACH == WIDER,
+    _EACH >= BIAS.start,
+)
+"""which of a camera's numbers are found: where and what it is, when it saw, how wide its masks are, to which side a detector sees joints"""
 
 
 @array_dataclass
@@ -45,7 +51,7 @@ class CameraPoses:
     """solver parameters at which the camera's terms are evaluated"""
     by_pose: Floats[F, D6, D6]
     """by how much place and turn there change with those of the poses; all else is the same"""
-    by_camera: Floats[F, P, D9]
+    by_camera: Floats[F, P, D12]
     """by how much they change with the camera; changes as `pose_changes.moved` makes them"""
     wider_m: float
     """see `CameraChanges`"""
@@ -57,8 +63,8 @@ class CameraPoses:
 
 @array_dataclass
 class CameraChanges:
-    """Nine numbers a camera: turn [rad] and shift [m] in world axes about its centre, zoom (a share), how late it is [frames], and by how
-    much its masks are wider than the hand, all along their outlines [m].
+    """Twelve numbers a camera: turn [rad] and shift [m] in world axes about its centre, zoom (a share), how late it is [frames], by how
+    much its masks are wider than the hand, all along their outlines [m], and a detector's bias: a further turn [rad] of it for joints alone.
 
     A camera that is turned and shifted sees what it would see, were the hand moved the opposite way. These are the hand's: of the
     camera they are the opposite (`corrected`). A longer focal length is a hand that is nearer by the same share of its depth:
@@ -68,18 +74,18 @@ class CameraChanges:
 
     cameras: tuple[Camera, ...]
     """as they were calibrated"""
-    values: Floats[C, D9]
+    values: Floats[C, D12]
     ahead: tuple[int, ...]
     """which of a camera's images is looked at beside a frame, in frames after it: what is late by whole frames"""
 
-    free: Array[D9] = field(default_factory=ALL.copy)
+    free: Array[D12] = field(default_factory=lambda: np.ones(NUMBERS, bool))
     """which are found; the others stay as they are"""
     known: Floats[L, F] | float = 0.0
     """[frames] by which each frame of theirs, and last of a cloud, is later as far as is known beforehand; how late they are comes on top"""
     cloud: Floats[C] | float = 0.0
     """each camera's share of a cloud's time, which is the mean of those that measured it; nothing of one that shows nothing else"""
-    no_masks: bool = False
-    """whether masks tell nothing of them, only joints"""
+    detected: bool = False
+    """whether a detector's joints tell of them"""
 
     @classmethod
     def of(
@@ -98,10 +104,10 @@ class CameraChanges:
         count = len(names)
         known = [[one.get(name, 0.0) for one in frames_later] for name in (*names, CLOUD_NAME)]
         cloud = np.array([name in measured for name in names], float) / max(len(measured), 1)
-        no_masks = not any(one.silhouettes for one in frames)
+        detected = any(one.image_keypoints for one in frames)
         return cls(
             tuple(seen[name] for name in names), np.zeros((count, NUMBERS)), (0,) * count,
-            known=np.array(known), cloud=cloud, no_masks=no_masks,
+            known=np.array(known), cloud=cloud, detected=detected,
         )  # fmt: skip
 
     @property
@@ -113,7 +119,7 @@ class CameraChanges:
         """How many numbers there are to find."""
         return len(self.cameras) * int(self.free.sum())
 
-    def finding(self, free: Array[D9]) -> CameraChanges:
+    def finding(self, free: Array[D12]) -> CameraChanges:
         """Return the same, of which other numbers are found from now on."""
         return replace(self, free=free)
 
@@ -123,8 +129,8 @@ class CameraChanges:
         values[:, self.free] += step.reshape(len(values), int(self.free.sum()))
         return replace(self, values=values)
 
-    def prior(self, weight: Floats[D9] = np.ones(NUMBERS)) -> JointSystem:
-        """Return what is known of them before anything is seen, each of the nine weighing so much, by the free numbers (K,)."""
+    def prior(self, weight: Floats[D12] = np.ones(NUMBERS)) -> JointSystem:
+        """Return what is known of them before anything is seen, each of the twelve weighing so much, by the free numbers (K,)."""
         plain, late = self.values / _SIGMA, self.late
         told, count = 1.0 / (_LATE_FRAMES**2 + late**2), max(len(late), 1)
         zoomed = float(self.values[:, ZOOMED].sum()) / count
@@ -149,11 +155,14 @@ class CameraChanges:
         return round(float(np.sum(self.cloud * np.array(self.ahead))))
 
     def views(self, poses: Floats[F, P], velocity: Floats[F, P]) -> list[CameraPoses]:
-        """Return how each camera sees the hand; last how clouds do, whose time changes with their cameras'.
+        """Return how each camera sees the hand, then how a detector sees its joints there; last how clouds do, whose time changes with their
+        cameras'.
 
         velocity: of the poses [a frame], as `pose_changes.moved` takes it.
         """
-        found = self._camera_poses(poses, velocity) if self.cameras else []
+        found = list[CameraPoses]()
+        for by_joints in (False, True) if self.cameras else ():
+            found += self._camera_poses(poses, velocity, by_joints)
         if np.any(self.cloud):
             on = self.moments(len(poses))[-1][:, None] * velocity
             by_pose = np.tile(np.eye(6), (len(poses), 1, 1))
@@ -165,9 +174,12 @@ class CameraChanges:
             found.append(CameraPoses(moved(poses, on), by_pose, by_camera, 0.0, none, 0))
         return found
 
-    def _camera_poses(self, poses: Floats[F, P], velocity: Floats[F, P]) -> list[CameraPoses]:
-        """Return how each camera sees the hand; all are found at once, in arrays (C, F, …)."""
-        values = self.values[:, None]
+    def _camera_poses(
+        self, poses: Floats[F, P], velocity: Floats[F, P], by_joints: bool
+    ) -> list[CameraPoses]:
+        """Return how each camera, or a detector in its images, sees the hand; all are found at once, in arrays (C, F, …)."""
+        values = self.values[:, None].copy()
+        values[..., TURNED] += by_joints * values[..., BIAS]
         on = self.moments(len(poses))[:-1, :, None] * velocity
         then = moved(poses, on)
         centre = np.array([[camera.centre] for camera in self.cameras])
@@ -191,6 +203,7 @@ class CameraChanges:
         by_camera[..., LATE] = velocity
         by_camera[..., PLACE, LATE] = velocity[:, PLACE] @ np.swapaxes((zoom @ turn)[:, 0], 1, 2)
         by_camera[..., TURN, LATE] = velocity[:, TURN] @ np.swapaxes(turn[:, 0], 1, 2)
+        by_camera[..., BIAS] = by_joints * by_camera[..., TURNED]
         by_camera, by_outline = by_camera[..., self.free], OUTLINE[self.free].astype(float)
         wider, first = self.values[:, WIDER].tolist(), int(self.free.sum())
         return [
@@ -226,11 +239,11 @@ class CameraChanges:
         step = np.where(np.abs(late) > _OTHER_FRAME, np.rint(late), 0.0).astype(int)
         return replace(self.earlier(step), ahead=tuple((np.array(self.ahead) - step).tolist()))
 
-    def corrected(self) -> tuple[Camera, ...]:
-        """Return the cameras as they must have been to see what they saw."""
+    def corrected(self, by_joints: bool = False) -> tuple[Camera, ...]:
+        """Return the cameras as they must have been to see what they saw, or what a detector saw in their images."""
         found = []
         for camera, values in zip(self.cameras, self.values, strict=True):
-            turn = rotation_matrix(values[TURNED])
+            turn = rotation_matrix(values[TURNED] + by_joints * values[BIAS])
             rotation = camera.rotation @ turn
             centre = camera.centre - turn.T @ values[SHIFTED]
             matrix = camera.matrix.copy()

@@ -26,7 +26,7 @@ from handtrack.terms.term import JointSystem, ObservationTerm
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.size.cameras import (
     CALIBRATION,
-    DIRECTION,
+    DETECTOR,
     NUMBERS,
     TIME,
     CameraChanges,
@@ -335,8 +335,8 @@ class Shared:
         err together, too, and where a camera looks by them still in the next.
         """
         once = np.where(TIME, 1.0, np.where(CALIBRATION, frames, posture))
-        if self.cameras.no_masks:
-            once[TIME], once[DIRECTION] = _JOINTS_ALIKE, _JOINTS_ALIKE * _JOINTS_LAST
+        if self.cameras.detected:
+            once[TIME], once[DETECTOR] = _JOINTS_ALIKE, _JOINTS_ALIKE * _JOINTS_LAST
         return np.r_[
             np.tile(once[self.cameras.free], len(self.cameras.cameras)),
             np.full(self.person.count, posture),

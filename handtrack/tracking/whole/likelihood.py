@@ -25,7 +25,7 @@ from handtrack.observation.pins import ImagePins
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors import GaussianPrior
-from handtrack.terms.term import JointSystem
+from handtrack.terms.term import JointSystem, ObservationTerm
 from handtrack.tracking.frame.control import Control, Observe
 from handtrack.tracking.frame.descent import only_camera, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, by_camera, frame_terms
@@ -104,7 +104,10 @@ class FrameLikelihood(FrameProblem):
         """
         changes, pose = found.cameras, found.poses[n]
         wider = dict(zip(changes.names, changes.values[:, WIDER].tolist(), strict=True))
-        terms = _through(self.terms, {c.name: c for c in changes.corrected()}, wider)
+        cameras, detector = (
+            {c.name: c for c in changes.corrected(by_joints)} for by_joints in (False, True)
+        )
+        terms = _through(self.terms, cameras, detector, wider)
         own = dict(zip((*changes.names, CLOUD_NAME), found.moments[:, n].tolist(), strict=True))
         terms = at_camera_times(terms, own, pose, found.speeds[n])
         return terms, stage_problem(terms, pose)
@@ -288,12 +291,19 @@ class RecordingLikelihood:
         told, others = by_camera(at_once.coarser(share**-0.5).stage(bones))
         if frame in self.silent:
             told, others = {}, []
-        views = [told.pop(name, []) for name in (*self.cameras.names, *clouds)]
+        seen = [told.pop(name, []) for name in self.cameras.names]
+        joints = [[term for term in own if _is_detected(term)] for own in seen]
+        images = [[term for term in own if not _is_detected(term)] for own in seen]
+        views = [*images, *joints, *(told.pop(name, []) for name in clouds)]
         others += [term for own in told.values() for term in own]
         return FrameLikelihood(
             Problem(model, others), Problem(model, (), terms.priors), tuple(Problem(model, own) for own in views), share,
             terms, bones,
         )  # fmt: skip
+
+
+def _is_detected(term: ObservationTerm) -> bool:
+    return isinstance(term, KeypointTerm) and isinstance(term.observed, ImageKeypoints)
 
 
 def measured_outlines(
@@ -360,16 +370,24 @@ def _corrected(terms: FrameTerms, errors: Sequence[CameraError]) -> FrameTerms:
     seen = [*terms.prepared, *(one for one in points if not isinstance(one, Keypoints))]
     calibrated = {one.camera.name: one.camera for one in seen}
     known = [one for one in errors if one.name in calibrated]
-    cameras = {one.name: one.corrected(calibrated[one.name]) for one in known}
-    return _through(terms, cameras, {one.name: 1e-3 * one.wider_mm for one in known})
+    cameras, detector = (
+        {one.name: one.corrected(calibrated[one.name], by_joints) for one in known}
+        for by_joints in (False, True)
+    )
+    return _through(terms, cameras, detector, {one.name: 1e-3 * one.wider_mm for one in known})
 
 
 def _through(
-    terms: FrameTerms, cameras: Mapping[str, Camera], wider_m: Mapping[str, float]
+    terms: FrameTerms,
+    cameras: Mapping[str, Camera],
+    detector: Mapping[str, Camera],
+    wider_m: Mapping[str, float],
 ) -> FrameTerms:
-    """Return terms through other cameras, by name, whose masks are so much wider than the hand."""
+    """Return terms through other cameras, by name, as they saw and as a detector saw in their images, whose masks are so much wider than
+    the hand.
+    """
 
-    def through(term: KeypointTerm) -> KeypointTerm:
+    def through(term: KeypointTerm, cameras: Mapping[str, Camera]) -> KeypointTerm:
         seen = term.observed
         if isinstance(seen, Keypoints):
             return term
@@ -385,6 +403,6 @@ def _through(
     return replace(
         terms,
         prepared=tuple(prepared),
-        keypoints=tuple(map(through, terms.keypoints)),
-        pins=tuple(map(through, terms.pins)),
+        keypoints=tuple(through(term, detector) for term in terms.keypoints),
+        pins=tuple(through(term, cameras) for term in terms.pins),
     )

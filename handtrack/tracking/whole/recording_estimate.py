@@ -23,9 +23,8 @@ from handtrack.tracking.frame.frame_terms import by_camera
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.frame_solve import POOR, free_sign, poor_agreement
 from handtrack.tracking.size.cameras import (
-    ALL,
     CALIBRATION,
-    DIRECTION,
+    DETECTOR,
     OUTLINE,
     TIME,
     CameraChanges,
@@ -223,8 +222,8 @@ def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     timed = estimate.duration_s >= NEW_POSE_S and likelihood.model.name not in SIMPLER_HANDS
     later = [likelihood.frames_later[frame] for frame in estimate.frames]  # `new_share` read all
     cameras = CameraChanges.of([one for one, _ in samples], later)
-    # a camera in which a detector sees the whole hand to one side seems to be turned, or else late
-    at = TIME | DIRECTION if cameras.no_masks else TIME
+    # a camera in which a detector sees the whole hand to one side seems to be late
+    at = TIME | DETECTOR if cameras.detected else TIME
     cameras = cameras.finding(OUTLINE | at if timed else OUTLINE)
     return replace(estimate, likelihood=likelihood.sharing(likelihood.shared.through(cameras)))
 
@@ -240,7 +239,7 @@ def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
     too_short = estimate.duration_s < _MOVED_S
     if not found.cameras.count or too_short or estimate.likelihood.model.name in SIMPLER_HANDS:
         return estimate
-    cameras = found.cameras.finding(ALL)
+    cameras = found.cameras.finding(found.cameras.free | CALIBRATION | TIME)
     likelihood = estimate.likelihood.sharing(found.shared.through(cameras))
     nearest = _nearest_images(likelihood, numbers, found.poses)
     likelihood = likelihood.sharing(found.shared.through(nearest))

@@ -13,7 +13,15 @@ from handtrack.arrays import D3, Floats
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import HandScale
-from handtrack.tracking.size.cameras import NUMBERS, SHIFTED, TURNED, WIDER, ZOOMED, CameraChanges
+from handtrack.tracking.size.cameras import (
+    BIAS,
+    NUMBERS,
+    SHIFTED,
+    TURNED,
+    WIDER,
+    ZOOMED,
+    CameraChanges,
+)
 from handtrack.tracking.size.estimate import WholeEstimate
 
 _SURE = 3.0
@@ -44,13 +52,16 @@ class CameraError:
     """of these eight and the next, in their units"""
     wider_mm: float = 0.0
     """its masks are wider than the hand by so much, all along the outline"""
+    detector_bias_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """by which it seems to be turned further, for a detector sees all joints to one side"""
 
-    def corrected(self, camera: Camera) -> Camera:
-        """Return the camera, as it was calibrated, as it must have been to see what it saw."""
+    def corrected(self, camera: Camera, by_joints: bool = False) -> Camera:
+        """Return the camera, as it was calibrated, as it must have been to see what it saw, or what a detector saw in its images."""
         values = np.zeros((1, NUMBERS))
         values[0, TURNED] = -np.deg2rad(self.turn_deg)
+        values[0, BIAS] = -np.deg2rad(self.detector_bias_deg)
         values[0, ZOOMED] = 0.01 * self.zoom_percent
-        turned = CameraChanges((camera,), values, (0,)).corrected()[0]
+        turned = CameraChanges((camera,), values, (0,)).corrected(by_joints)[0]
         centre = camera.centre + 1e-3 * np.array(self.shift_mm)
         return replace(turned, translation=-turned.rotation @ centre)
 
@@ -130,7 +141,8 @@ class Refinement:
             cameras.append(
                 CameraError(
                     camera.name, _three(turn), _three(shift), float(units[ZOOMED] * values[ZOOMED]),
-                    -float(late), tuple((units * spread).round(4).tolist()), float(units[WIDER] * values[WIDER]),
+                    -float(late), tuple((units * spread[:BIAS.start]).round(4).tolist()), float(units[WIDER] * values[WIDER]),
+                    _three(-units[TURNED] * values[BIAS]),
                 )
             )  # fmt: skip
         return cls(found.why, found.sweeps, tuple(cameras), found.scale)
