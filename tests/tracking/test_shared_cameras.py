@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 from handtrack import (
     ImageKeypoints,
@@ -95,23 +94,17 @@ def mean_off_mm(frames, truth):
     return 1e3 * np.linalg.norm(np.array([r.keypoints21 for r in frames]) - truth, axis=2).mean()
 
 
-def misplaced_mm(frames, truth):
-    """Return the mean error in the room that is turned and moved as fits best."""
-    places = [np.reshape(one, (-1, 3)) for one in (truth, [r.keypoints21 for r in frames])]
-    true, found = (one - one.mean(axis=0) for one in places)
-    turn = Rotation.align_vectors(true, found)[0]
-    return 1e3 * np.linalg.norm(turn.apply(found) - true, axis=1).mean()
-
-
 POSES = waving_poses()
 TRUTH = points_of(POSES)
 
 
-def test_a_camera_that_was_turned_is_put_right():
-    cameras = [camera_at(0, np.deg2rad(0.6)), camera_at(1), camera_at(2, zoom=1.004)]
-    _, frames, _ = refined(watched(cameras, [TRUTH] * 3), POSES)
-    # measured 0.52; 0.96 where cameras are left as they are. Where the room is nobody sees
-    assert misplaced_mm(frames, TRUTH) < 0.62
+# measured 1.94 of 4.0 mm, and 0.7 of 17: as much is no detector's bias, and said
+@pytest.mark.parametrize(("deg", "most_mm"), [(0.6, 2.6), (2.0, 1.0)])
+def test_a_camera_that_was_turned_is_put_right(deg, most_mm):
+    cameras = [camera_at(0, np.deg2rad(deg)), camera_at(1), camera_at(2, zoom=1.004)]
+    _, frames, found = refined(watched(cameras, [TRUTH] * 3), POSES)
+    assert mean_off_mm(frames, TRUTH) < most_mm
+    assert [bool(one.words) for one in found.cameras] == [deg > 1.0, False, False]
 
 
 def test_frames_beside_a_correction_are_seen_by_cameras_as_all_frames_found_them():

@@ -15,7 +15,8 @@ from handtrack.observation.observation import CLOUD_NAME, Observation
 from handtrack.terms.term import JointSystem
 
 _TURN_RAD, _SHIFT_M, _ZOOM = np.deg2rad(0.5), 0.002, 0.005
-"""what a calibration may be off by: a camera that was touched after it, or a board that was not flat. Of turn and shift the length"""
+"""what a calibration may be off by: a camera that was touched after it, or a board that was not flat. Of turn and shift the length. A
+detector's bias may be as much, or any: a Cauchy distribution, under which one camera that joints say is turned costs less than all others"""
 _LATE_FRAMES = 0.5
 """cameras that run free, each by its own clock, are out of step by up to half a frame; one that dropped frames may be late by any
 number: a Cauchy distribution, under which one camera that is two frames late costs less than three that share it. With 0.1, 0.17 and
@@ -133,11 +134,16 @@ class CameraChanges:
         """Return what is known of them before anything is seen, each of the twelve weighing so much, by the free numbers (K,)."""
         plain, late = self.values / _SIGMA, self.late
         told, count = 1.0 / (_LATE_FRAMES**2 + late**2), max(len(late), 1)
+        aside = (plain[:, BIAS] ** 2).sum(axis=1, keepdims=True)
+        plain[:, BIAS] = 0.0
         zoomed = float(self.values[:, ZOOMED].sum()) / count
         cost = 0.5 * (weight * plain**2).sum() + 0.5 * weight[ZOOMED] * (zoomed / _COMMON_ZOOM) ** 2
         cost += 0.5 * weight[LATE] * np.log1p((late / _LATE_FRAMES) ** 2).sum()
+        cost += 0.5 * weight[BIAS.start] * np.log1p(aside).sum()
         gradient, hessian = plain / _SIGMA, np.tile(_SIGMA**-2, (len(late), 1))
         gradient[:, LATE], hessian[:, LATE] = late * told, told
+        hessian[:, BIAS] /= 1.0 + aside
+        gradient[:, BIAS] = self.values[:, BIAS] * hessian[:, BIAS]
         gradient[:, ZOOMED] += zoomed / (count * _COMMON_ZOOM**2)
         hessian = np.diag((weight * hessian).ravel())
         hessian[ZOOMED::NUMBERS, ZOOMED::NUMBERS] += weight[ZOOMED] / (count * _COMMON_ZOOM) ** 2

@@ -26,6 +26,8 @@ from handtrack.tracking.size.estimate import WholeEstimate
 
 _SURE = 3.0
 """standard deviations by which a camera must be off to be named: of which camera it is, too"""
+_BIASED_DEG = 1.0
+"""twice what a detector's bias is usually: then rather the camera was moved, and nothing but joints can tell"""
 _WORDS = (
     ("rotation {0:.2f}° (± {1:.2f})", "turned by {0:.1f}°", 0.3),
     ("position {0:.1f} mm (± {1:.1f})", "shifted by {0:.0f} mm", 3.0),
@@ -98,7 +100,10 @@ class CameraError:
                 if abs(size) > max(_SURE * std, least)
             ]
         )
-        return f"camera '{self.name}' is {off}" if off else ""
+        bias = float(np.linalg.norm(self.detector_bias_deg))
+        moved = f"turned by {bias:.1f}° as its joints say" if bias > _BIASED_DEG else ""
+        said = ", ".join(filter(None, (off, moved)))
+        return f"camera '{self.name}' is {said}" if said else ""
 
     @property
     def _off(self) -> list[tuple[float, float, tuple[str, str, float]]]:
