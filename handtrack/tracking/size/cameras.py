@@ -87,6 +87,8 @@ class CameraChanges:
     """each camera's share of a cloud's time, which is the mean of those that measured it; nothing of one that shows nothing else"""
     detected: bool = False
     """whether a detector's joints tell of them"""
+    masked: bool = True
+    """whether masks do; by joints alone a detector's bias is the camera's turn for all that is known"""
 
     @classmethod
     def of(
@@ -106,9 +108,10 @@ class CameraChanges:
         known = [[one.get(name, 0.0) for one in frames_later] for name in (*names, CLOUD_NAME)]
         cloud = np.array([name in measured for name in names], float) / max(len(measured), 1)
         detected = any(one.image_keypoints for one in frames)
+        masked = any(one.silhouettes for one in frames)
         return cls(
             tuple(seen[name] for name in names), np.zeros((count, NUMBERS)), (0,) * count,
-            known=np.array(known), cloud=cloud, detected=detected,
+            known=np.array(known), cloud=cloud, detected=detected, masked=masked,
         )  # fmt: skip
 
     @property

@@ -26,8 +26,6 @@ from handtrack.tracking.size.estimate import WholeEstimate
 
 _SURE = 3.0
 """standard deviations by which a camera must be off to be named: of which camera it is, too"""
-_BIASED_DEG = 1.0
-"""twice what a detector's bias is usually: then rather the camera was moved, and nothing but joints can tell"""
 _WORDS = (
     ("rotation {0:.2f}° (± {1:.2f})", "turned by {0:.1f}°", 0.3),
     ("position {0:.1f} mm (± {1:.1f})", "shifted by {0:.0f} mm", 3.0),
@@ -100,10 +98,7 @@ class CameraError:
                 if abs(size) > max(_SURE * std, least)
             ]
         )
-        bias = float(np.linalg.norm(self.detector_bias_deg))
-        moved = f"turned by {bias:.1f}° as its joints say" if bias > _BIASED_DEG else ""
-        said = ", ".join(filter(None, (off, moved)))
-        return f"camera '{self.name}' is {said}" if said else ""
+        return f"camera '{self.name}' is {off}" if off else ""
 
     @property
     def _off(self) -> list[tuple[float, float, tuple[str, str, float]]]:
@@ -132,10 +127,16 @@ class Refinement:
     def of(cls, found: WholeEstimate, by_cameras: WholeEstimate | None = None) -> Refinement:
         """Return what an estimate found; by_cameras: the one that corrected the cameras, if it was another."""
         corrected_by = by_cameras or found
-        changes = corrected_by.cameras
-        std = np.zeros_like(changes.values)
-        known = np.sqrt(np.diag(corrected_by.shared_covariance)[: changes.count])
-        std[:, changes.free] = known.reshape(len(std), int(changes.free.sum()))
+        changes, told = corrected_by.cameras, np.eye(NUMBERS)
+        if not changes.masked:
+            told[TURNED, BIAS] = np.eye(3)
+            told[BIAS, BIAS] = 0.0
+        changes = replace(changes, values=changes.values @ told.T)
+        std, own, each = np.zeros_like(changes.values), told[:, changes.free], changes.free.sum()
+        for c, first in enumerate(range(0, changes.count, each)):
+            at = slice(first, first + each)
+            known = corrected_by.shared_covariance[at, at]
+            std[c] = np.sqrt(np.diag(own @ known @ own.T))
         units = np.array([180.0 / np.pi] * 3 + [1e3] * 3 + [100.0, 1.0, 1e3])
         cameras = []
         for camera, corrected, values, spread, late in zip(
