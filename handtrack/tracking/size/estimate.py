@@ -352,8 +352,8 @@ error was 4.52 mm after 7 sweeps and 4.51 after 23, when no frame moved by a fif
 large for as little"""
 _LOOSER = 1.0, 5.0, 25.0
 """times as much where another estimate goes on from this one: of chosen frames, or of wide bands; of both, where the mean frame's gain is one
-standard deviation, ½. Wide bands leave the cameras' times as they are: 5 was chosen by joints alone on marked_real_5cam, with it 10.66 mm, with
-25 10.76. 100 frames of desk_two_view take 31 sweeps for 42; of ten recordings of masks six became better and four worse, on average 0.1 mm better"""
+standard deviation, ½. 5 was chosen by joints alone on marked_real_5cam while cameras' times stayed as wide bands found them, with it 10.66
+mm, with 25 10.76. 100 frames of desk_two_view take 31 sweeps for 42; of ten recordings of masks six became better and four worse, on average 0.1 mm better"""
 _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-4, 1e6
 """first damping, as a share of the diagonal; by what it is multiplied after a step that frames fit worse, each further one twice as much
 (Nielsen 1999), and after others. Below the least steps hardly change: of sizing's sweeps a third were spent to come back from 1e-9"""
