@@ -293,14 +293,10 @@ class TrackingRun:
     @property
     def notes(self) -> list[str]:
         """A sentence for each setting without effect."""
-        found, name = (
-            ineffective_settings(self.settings, self.session, self.model.kind),
-            self.model.name,
-        )
-        if self.session.hand_scale == "fit" and name in SIMPLER_HANDS:
-            found.append(
-                f'scale = "fit" has no effect: {name} is too simple to tell the hand\'s size.'
-            )
+        found = ineffective_settings(self.settings, self.session, self.model.kind)
+        if self.session.hand_scale == "fit" and not self.asks_for_size:
+            what = f"{self.model.name} is too simple to tell the hand's size"
+            found.append(f'scale = "fit" has no effect: {what}.')
         return found
 
     def with_scale(self, scale: HandScale) -> TrackingRun:

@@ -34,7 +34,7 @@ from handtrack.tracking.whole.likelihood import Recording
 from handtrack.tracking.whole.recording_estimate import refine, refine_near
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.cameras import pinhole
-from tests.derivatives import check_observation_term
+from tests.derivatives import check_gradient, check_observation_term
 from tests.tracking.scenes import QUICK, Told, bent, on_surface
 
 HAND = load_model("hand26")
@@ -186,6 +186,14 @@ def _changed(rng):
     cameras = (camera_at(0), camera_at(2))
     scale = np.array([0.1] * 3 + [0.02] * 3 + [0.05, 0.4, 0.002] + [0.05] * 3)
     return CameraChanges(cameras, scale * rng.normal(size=(2, NUMBERS)), (0, 2))
+
+
+def test_what_is_known_of_cameras_has_its_slope(rng):
+    cameras = _changed(rng)
+    cameras.values[:, ZOOMED] = 0.0  # held so hard that nothing else would count
+    check_gradient(
+        lambda step: cameras.stepped(step).prior().cost, cameras.prior().gradient, np.zeros(24)
+    )
 
 
 def test_the_recordings_time_is_that_of_the_cameras_in_step():

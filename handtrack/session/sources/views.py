@@ -599,9 +599,8 @@ def most_observations(seen: Kept) -> int:
 # ---- How far a detector's joints are off in a recording, as its cameras disagree
 
 
-_JOINT_FRAMES = (
-    32  # looked at, spread over those with joints: 32 x 21 points tell a median to some per cent
-)
+# looked at, spread over those with joints: 32 x 21 points tell a median to some per cent
+_JOINT_FRAMES = 32
 _MORE_JOINT_FRAMES = 512  # where the files of many say that there is nobody
 _FEWEST_JOINTS = 100  # points; fewer say nothing
 _DEFINITION_M = 0.002

@@ -12,7 +12,7 @@ from handtrack.arrays import D3, Array, C, F, Floats, K, P, array_dataclass, eve
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.model_file import SIMPLER_HANDS
 from handtrack.model.pose_changes import TURN
-from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.observation.observation import Observation
 from handtrack.parallel import in_parallel, one_blas_thread
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
@@ -216,12 +216,10 @@ def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
     samples = _samples(likelihood, [r.frame for r in estimate.tracked if r.status != Status.LOST])
     if subject is not None and samples:
         likelihood = likelihood.knowing(person=PersonChange.of(likelihood.model, samples, subject))
-    points = [one for seen, _ in samples for one in seen.keypoints]
-    detected = any(isinstance(one, ImageKeypoints) for one in points)
-    likelihood = likelihood.knowing(wide=detected and likelihood.model.kind == "hand")
     timed = estimate.duration_s >= NEW_POSE_S and likelihood.model.name not in SIMPLER_HANDS
     later = [likelihood.frames_later[frame] for frame in estimate.frames]  # `new_share` read all
     cameras = CameraChanges.of([one for one, _ in samples], later)
+    likelihood = likelihood.knowing(wide=cameras.detected and likelihood.model.kind == "hand")
     # a camera in which a detector sees the whole hand to one side seems to be late
     at = TIME | DETECTOR if cameras.detected else TIME
     cameras = cameras.finding(OUTLINE | at if timed else OUTLINE)

@@ -127,12 +127,16 @@ class Refinement:
     def of(cls, found: WholeEstimate, by_cameras: WholeEstimate | None = None) -> Refinement:
         """Return what an estimate found; by_cameras: the one that corrected the cameras, if it was another."""
         corrected_by = by_cameras or found
-        changes, told = corrected_by.cameras, np.eye(NUMBERS)
+        changes, reported = corrected_by.cameras, np.eye(NUMBERS)
         if not changes.masked:
-            told[TURNED, BIAS] = np.eye(3)
-            told[BIAS, BIAS] = 0.0
-        changes = replace(changes, values=changes.values @ told.T)
-        std, own, each = np.zeros_like(changes.values), told[:, changes.free], changes.free.sum()
+            reported[TURNED, BIAS] = np.eye(3)
+            reported[BIAS, BIAS] = 0.0
+        changes = replace(changes, values=changes.values @ reported.T)
+        std, own, each = (
+            np.zeros_like(changes.values),
+            reported[:, changes.free],
+            changes.free.sum(),
+        )
         for c, first in enumerate(range(0, changes.count, each)):
             at = slice(first, first + each)
             known = corrected_by.shared_covariance[at, at]
