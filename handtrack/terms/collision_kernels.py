@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from handtrack.compiled import compiled_as_numpy
@@ -10,6 +12,9 @@ from handtrack.terms.bone_kernels import fill_arm, posed_shapes
 _STEPS = 30
 _DONE = 1e-20
 """squared tangential step [rad²] at which a direction is found"""
+_WAYS = np.array([way[::-1] for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+_WAYS /= np.linalg.norm(_WAYS, axis=1, keepdims=True)
+"""(26, 3) along the world's axes and diagonals"""
 
 
 @compiled_as_numpy
@@ -21,19 +26,6 @@ def _supported(shape, n, out):  # pragma: no cover - compiled
     for i in range(3):
         out[i] /= h
     return h
-
-
-@compiled_as_numpy
-def _free_space(delta, one, other, n):  # pragma: no cover - compiled
-    """Return f(n) = n·δ − h₁(n) − h₂(n)."""
-    f = 0.0
-    h, k = 0.0, 0.0
-    for i in range(3):
-        f += n[i] * delta[i]
-        for j in range(3):
-            h += n[i] * one[i, j] * n[j]
-            k += n[i] * other[i, j] * n[j]
-    return f - np.sqrt(h) - np.sqrt(k)
 
 
 @compiled_as_numpy
@@ -140,64 +132,42 @@ def separation(delta, one, other, enough, n, p, q):  # pragma: no cover - compil
     size = np.sqrt(delta[0] ** 2 + delta[1] ** 2 + delta[2] ** 2)
     for a in range(3):
         n[a] = delta[a] / size if size > 1e-12 else 1.0 * (a == 0)
-    f = _free_space(delta, one, other, n)
+    f = _gap(delta, one, other, n, p, q)[0]
     if f > enough:  # so are most: nothing is allocated before
         return f
-    # a second start: the normal, on the line of centres, of the ellipsoid with D₁ + D₂; better than that line for long parts
-    # (D₁ + D₂)⁻¹ δ by Cramer's rule
-    a00, a01, a02 = one[0, 0] + other[0, 0], one[0, 1] + other[0, 1], one[0, 2] + other[0, 2]
-    a11, a12, a22 = one[1, 1] + other[1, 1], one[1, 2] + other[1, 2], one[2, 2] + other[2, 2]
-    a10, a20, a21 = one[1, 0] + other[1, 0], one[2, 0] + other[2, 0], one[2, 1] + other[2, 1]
-    c00 = a11 * a22 - a12 * a21
-    c01 = a12 * a20 - a10 * a22
-    c02 = a10 * a21 - a11 * a20
-    c11 = a00 * a22 - a02 * a20
-    c12 = a01 * a20 - a00 * a21
-    c22 = a00 * a11 - a01 * a10
-    x = c00 * delta[0] + c01 * delta[1] + c02 * delta[2]
-    y = c01 * delta[0] + c11 * delta[1] + c12 * delta[2]
-    z = c02 * delta[0] + c12 * delta[1] + c22 * delta[2]
-    size = np.sqrt(x * x + y * y + z * z)
-    start, starts = np.empty((2, 3)), 1
-    for a in range(3):
-        start[0, a] = n[a]
-    if size > 1e-300:
-        start[1, 0], start[1, 1], start[1, 2] = x / size, y / size, z / size
-        starts = 2
-        f = _free_space(delta, one, other, start[1])
+    # a second start: the normal, on the line of centres, of the ellipsoid with D₁ + D₂; better than that line for long parts.
+    # That is (D₁ + D₂)⁻¹ δ, up to its length
+    start, both = np.empty((2, 3)), one + other
+    start[0] = n
+    start[1] = np.cross(both[1], both[2]) * delta[0]
+    start[1] += np.cross(both[2], both[0]) * delta[1]
+    start[1] += np.cross(both[0], both[1]) * delta[2]
+    size = np.sqrt((start[1] ** 2).sum())
+    starts = 2 if size > 1e-300 else 1
+    if starts == 2:
+        start[1] /= size
+        f = _gap(delta, one, other, start[1], p, q)[0]
         if f > enough:
             return f
     best, trial, tp, tq = -np.inf, np.empty(3), np.empty(3), np.empty(3)
     for s in range(starts):
-        for a in range(3):
-            trial[a] = start[s, a]
+        trial[:] = start[s]
         f = _climb(delta, one, other, trial, tp, tq)
         if f > best:
             best = f
-            for a in range(3):
-                n[a], p[a], q[a] = trial[a], tp[a], tq[a]
+            n[:], p[:], q[:] = trial, tp, tq
         if best > enough:
             return best
-    # deep or symmetric overlaps have other ways out: look along the world's axes and diagonals
+    # deep or symmetric overlaps have other ways out
     promising = best
-    for c in range(26):
-        code = c if c < 13 else c + 1  # leaves out (0, 0, 0)
-        size = 0.0
-        for a in range(3):
-            tp[a] = code % 3 - 1.0
-            code //= 3
-            size += tp[a] * tp[a]
-        for a in range(3):
-            tp[a] /= np.sqrt(size)
-        f = _free_space(delta, one, other, tp)
+    for way in _WAYS:
+        f = _gap(delta, one, other, way, tp, tq)[0]
         if f > promising:
             promising = f
-            for a in range(3):
-                trial[a] = tp[a]
+            trial[:] = way
     if promising > best:
         best = _climb(delta, one, other, trial, p, q)
-        for a in range(3):
-            n[a] = trial[a]
+        n[:] = trial
     return best
 
 

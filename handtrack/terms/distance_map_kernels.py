@@ -1,59 +1,15 @@
 """Compiled: which filled cell of a grid is nearest to each of its cells, look-ups in such a map of distances, and the sums of E2.
 
-The nearest filled cell along x, then along y of those, then along z (the transform is separable). In the last two steps, cells
-1, 2, 3 … further are tried until none can be nearer: 16 at once. The plain form: tests/terms/test_cloud_terms.py.
+The nearest filled cell along x, then along y of those, then along z (the transform is separable). The plain form: tests/terms/test_cloud_terms.py.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from llvmlite import ir
-from numba.core import cgutils, types
 
 from handtrack.compiled import compiled_as_numpy, inlined
 from handtrack.terms.bone_kernels import add_row, fill_arm, to_world
-from handtrack.terms.lanes_kernels import Eight, written
 from handtrack.terms.loss import robust
-
-_NOWHERE = 1e30
-_LANES = 16
-"""cells looked at together; rows are filled up to a multiple of it"""
-_FLOATS, _INTS = ir.VectorType(ir.FloatType(), _LANES), ir.VectorType(ir.IntType(32), _LANES)
-
-
-@written(types.void)
-def _nearest(code, to, of, within, steps, least):
-    """best[at:] = the least of far[row ± s · stride:] + s² over start ≤ s < stop, who[at:] = whose that is: 16 cells.
-
-    to: best, who, at. of: far, whose, row, stride. Rows are sought `within` row + low · stride to row + high · stride; what
-    lies beyond is taken to be as the last. Ends where nothing can be less, far being nowhere less than `least`. Of equals the
-    first counts, so that the order is no matter.
-    """
-    builder = code.builder
-    (far, whose, row, stride), (low, high), (start, stop) = of, within, steps
-    best = cgutils.alloca_once_value(builder, ir.Constant(_FLOATS, [_NOWHERE] * _LANES))
-    who = cgutils.alloca_once_value(builder, ir.Constant(_INTS, [0] * _LANES))
-    with cgutils.for_range(builder, stop, start) as loop:
-        s = loop.index
-        square = builder.sitofp(builder.mul(s, s), ir.FloatType())
-        for shift, better in ((builder.neg(s), "<="), (s, "<")):
-            shift = builder.select(builder.icmp_signed("<", shift, low), low, shift)
-            shift = builder.select(builder.icmp_signed(">", shift, high), high, shift)
-            place = code.plus(row, code.times(shift, stride))
-            distance = far.load(place, kind=_FLOATS).value
-            distance = builder.fadd(distance, code.splat(square, _LANES).value)
-            before = builder.load(best)
-            nearer = builder.fcmp_ordered(better, distance, before)
-            builder.store(builder.select(nearer, distance, before), best)
-            owner = whose.load(place, kind=_INTS).value
-            builder.store(builder.select(nearer, owner, builder.load(who)), who)
-        limit = code.splat(builder.fadd(square, least), _LANES).value
-        further = builder.fcmp_ordered(">", builder.load(best), limit)
-        bits = ir.IntType(_LANES)
-        with builder.if_then(builder.icmp_unsigned("==", builder.bitcast(further, bits), bits(0))):
-            loop.do_break()
-    for memory, found in zip(to, (best, who), strict=False):
-        memory.store(Eight(builder, builder.load(found)), to[2])
 
 
 @compiled_as_numpy
@@ -87,75 +43,46 @@ def fill_cells(points, low, spacing, cells):  # pragma: no cover - compiled
 @compiled_as_numpy
 def fill_nearest(cells, nearest):  # pragma: no cover - compiled
     """Fill nearest (X, Y, Z), int32, with the number of the filled cell that is nearest to each cell. cells: as of `fill_cells`."""
-    size_x, size_y, size_z = cells.shape
-    lows, highs = np.array(cells.shape), np.full(3, -1)
-    for i in range(size_x):
-        for j in range(size_y):
-            for k in range(size_z):
-                if cells[i, j, k] >= 0:
-                    lows[0], highs[0] = min(lows[0], i), max(highs[0], i)
-                    lows[1], highs[1] = min(lows[1], j), max(highs[1], j)
-                    lows[2], highs[2] = min(lows[2], k), max(highs[2], k)
-    first, last = lows[1], highs[1] + 1
-    begin, wide = lows[2], highs[2] + 1 - lows[2]
-    room = (wide + _LANES - 1) // _LANES * _LANES
-    far = np.zeros((size_x, last - first, room), np.float32)  # what fills rows up is soon found
-    whose = np.zeros(far.shape, np.int32)
-    _along_x(cells[:, first:last, begin : begin + wide], far, whose)
-    long = (size_z + _LANES - 1) // _LANES * _LANES
-    # beyond the row's ends there is nothing, as far as anybody looks
-    row, owner = np.empty(3 * long + room, np.float32), np.zeros(3 * long + room, np.int32)
-    best, who = np.empty(long, np.float32), np.empty(long, np.int32)
-    row[:] = _NOWHERE
-    for i in range(size_x):
-        plane, near = i * (last - first) * room, _least(far[i], wide)
-        for j in range(size_y):
-            start = max(first - j, j - (last - 1), 0)
-            at = plane + (j - first) * room
-            for n in range(0, room, _LANES):
-                to, of = (row, owner, long + begin + n), (far, whose, at + n, room)
-                _nearest(to, of, (first - j, last - 1 - j), (start, size_y), near)
-            row[long + begin + wide : long + begin + room] = _NOWHERE
-            least = _least(row[long + begin :].reshape(1, -1), wide)
-            for n in range(0, long, _LANES):
-                _nearest((best, who, n), (row, owner, long + n, 1), (-long, long), (0, long), least)
-            for k in range(size_z):
-                nearest[i, j, k] = who[k]
+    far = np.zeros(cells.shape, np.float32)  # squares of distances, exact up to 4096 cells
+    nearest[:] = cells
+    _nearest_in_rows(far.transpose(1, 2, 0), nearest.transpose(1, 2, 0))
+    _nearest_in_rows(far.transpose(0, 2, 1), nearest.transpose(0, 2, 1))
+    _nearest_in_rows(far, nearest)
 
 
 @compiled_as_numpy
-def _least(far, wide):  # pragma: no cover - compiled
-    """Return the least of far[:, :wide]."""
-    least = np.float32(_NOWHERE)
-    for j in range(far.shape[0]):
-        for k in range(wide):
-            least = min(least, far[j, k])
-    return least
+def _nearest_in_rows(far, nearest):  # pragma: no cover - compiled
+    """Of each row along the last axis, exchange the square of how far each cell's filled one is, and its number, for those of the
+    least far + (cells in between)² in the row, of equal ones the first; a number below 0 is none.
 
-
-@compiled_as_numpy
-def _along_x(cells, far, whose):  # pragma: no cover - compiled
-    """Fill far with the square of how many cells along x the nearest filled one is away, whose with its row."""
-    last = far.shape[0] - 1
-    for i in range(last + 1):
-        for j in range(cells.shape[1]):
-            for k in range(cells.shape[2]):
-                m = cells[i, j, k]
-                if m >= 0:
-                    far[i, j, k], whose[i, j, k] = 0.0, m
-                elif i > 0:
-                    far[i, j, k], whose[i, j, k] = far[i - 1, j, k] + 1.0, whose[i - 1, j, k]
-                else:
-                    far[i, j, k], whose[i, j, k] = _NOWHERE, 0
-    for i in range(last - 1, -1, -1):
-        for j in range(cells.shape[1]):
-            for k in range(cells.shape[2]):
-                if far[i + 1, j, k] + 1.0 < far[i, j, k]:
-                    far[i, j, k], whose[i, j, k] = far[i + 1, j, k] + 1.0, whose[i + 1, j, k]
-    for i in range(last + 1):
-        for j in range(cells.shape[1]):
-            for k in range(cells.shape[2]):
-                far[i, j, k] = min(far[i, j, k] * far[i, j, k], np.float32(_NOWHERE))
+    These are parabolas, each the lowest from some cell on: the lower envelope of Felzenszwalb and Huttenlocher (2012).
+    """
+    size = far.shape[2]
+    middle, begin = np.empty(size, np.int64), np.empty(size, np.int64)
+    height, owner = np.empty(size), np.empty(size, nearest.dtype)
+    for i in range(far.shape[0]):
+        for j in range(far.shape[1]):
+            count = 0
+            for k in range(size):
+                height[k], owner[k] = far[i, j, k], nearest[i, j, k]
+                if owner[k] < 0:
+                    continue
+                first = 0
+                while count > 0:
+                    m = middle[count - 1]
+                    meet = 0.5 * ((height[k] - height[m]) / (k - m) + k + m)
+                    first = np.int64(np.floor(meet)) + 1
+                    if first > begin[count - 1]:
+                        break
+                    count, first = count - 1, 0
+                middle[count], begin[count] = k, first
+                count += 1
+            n = 0
+            for k in range(size if count > 0 else 0):
+                while n + 1 < count and begin[n + 1] <= k:
+                    n += 1
+                m = middle[n]
+                far[i, j, k], nearest[i, j, k] = height[m] + (k - m) ** 2, owner[m]
 
 
 _AROUND = 2.0

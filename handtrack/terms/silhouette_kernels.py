@@ -169,6 +169,32 @@ def silhouette_sums(
 
 
 @compiled
+def overlap_areas(
+    frames, ellipsoids, projection, mask, starts, members, step, areas
+):  # pragma: no cover - compiled
+    """Fill areas (N, 2): pixels that each part covers, and −ΣZ over them, by one row of each `step`.
+
+    Part n is the ellipsoids members[starts[n] : starts[n + 1]]. A field that is saturated wherever it is negative counts them.
+    """
+    count, height, width = (
+        ellipsoids[0].shape[0],
+        mask.valid.shape[0],
+        (mask.powers.shape[0] - 1) // 2,
+    )
+    centre, shape = np.empty((count, 3)), np.empty((count, 3, 3))
+    posed_shapes(frames, ellipsoids, centre, shape)
+    ellipses, levels = np.zeros((count, ELLIPSE)), np.zeros((count, 2))
+    levels[:, 1] = 1.0
+    project(projection, (width, height), centre, shape, levels, False, ellipses)
+    for part in range(starts.shape[0] - 1):
+        own = ellipses[members[starts[part] : starts[part + 1]]]
+        moments = np.zeros((own.shape[0] + 2, MOMENTS))
+        field = CameraField(projection, levels[: own.shape[0]], 0.0, False, step)
+        _sum_rows(own, mask, field, moments)
+        areas[part, 0], areas[part, 1] = step * moments[:, 0].sum(), -step * moments[:, 16].sum()
+
+
+@compiled
 def _sum_rows(ellipses, mask, field, moments):  # pragma: no cover - compiled
     """Fill moments (E + 2, MOMENTS): of nobody, of each ellipse where it wins, of saturated pixels."""
     levels, limit, step = field.levels, field.limit, field.step

@@ -36,9 +36,13 @@ from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_ma
 from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import Silhouette
-from handtrack.terms.conic_kernels import overlap_areas
 from handtrack.terms.row_kernels import fill_pieces, mark_edges
-from handtrack.terms.silhouette_kernels import CameraField, MaskArrays, silhouette_sums
+from handtrack.terms.silhouette_kernels import (
+    CameraField,
+    MaskArrays,
+    overlap_areas,
+    silhouette_sums,
+)
 from handtrack.terms.term import ObservationTerm, Sums
 
 # ---- A mask as pieces of one value along its rows, made once a frame and shared by the terms
