@@ -6,7 +6,6 @@ docs/explanation/uncertainty.md.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -14,7 +13,6 @@ from functools import lru_cache
 import numpy as np
 
 from handtrack.arrays import D3, Array, Axes, C, Floats, Ints, J, K, N, P, S
-from handtrack.compiled import compiled_as_numpy
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.size import SizeParameters, hand_length_mm, is_unmeasured
@@ -470,7 +468,6 @@ FRAME_OFF_M = 0.025
 _OPEN_M, _CLOSED, _MOVED_M = 0.003, 0.1, 0.005
 _RARE, _NEVER = 1e-3, 1e-9
 BODY_OFF_M = BODY_BY_HAND * FRAME_OFF_M
-_CERTAIN = 40.0  # of half a χ²: a tail beyond it is nothing
 
 
 def failure_probabilities(
@@ -554,29 +551,12 @@ def spread_m(covariance: Floats[J, D3, D3]) -> Floats[J]:
 
 def probably_beyond(covariance: Floats[J, D3, D3], off_m: float) -> Floats[J]:
     """Return how probably each joint's normal error is longer than that: χ² of the same mean and variance (Satterthwaite 1946)."""
+    from scipy.special import gammaincc
+
     trace = np.trace(covariance, axis1=1, axis2=2)
     square = np.einsum("jab,jab->j", covariance, covariance)
     scale, freedom = square / trace, trace**2 / square
-    return _gamma_tail(0.5 * freedom, 0.5 * off_m**2 / scale)
-
-
-@compiled_as_numpy
-def _gamma_tail(shape, x):  # pragma: no cover - compiled
-    """Return (J,) the upper regularised incomplete gamma function by the series of the lower one (Abramowitz and Stegun 6.5.29), 0 below
-    1e-17: SciPy's to 1e-14, which takes 0.15 s to import.
-    """
-    tail = np.zeros(len(x))
-    for j in range(len(x)):
-        if x[j] > _CERTAIN:
-            continue
-        a = shape[j]
-        n, term, total = a, 1.0 / a, 1.0 / a
-        while term > 1e-17 * total:
-            n += 1.0
-            term *= x[j] / n
-            total += term
-        tail[j] = max(1.0 - total * math.exp(a * math.log(x[j]) - x[j] - math.lgamma(a)), 0.0)
-    return tail
+    return gammaincc(0.5 * freedom, 0.5 * off_m**2 / scale)
 
 
 _WORDS = {**{p: f"{p} finger" for p in PARTS}, "thumb": "thumb", "palm": "palm"}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.compiled import compiled_as_numpy, compiled_with, inlined
+from handtrack.terms.clouds import GRAZING
+from handtrack.terms.distance_map_kernels import fill_facing, occlusion
 
 FAR_M = 0.025
 """from which a point counts as not explained at all"""
@@ -12,9 +14,8 @@ NEAREST_M = 0.02
 """before a camera; what is nearer is not looked at"""
 OUT_OF_SIGHT = 0.5
 """how far off, in FAR_M, a point outside a camera's picture counts: a hand in full view is the likelier one"""
-_CELLS, _CELL_M, _STEP_M = 64, 0.010, 0.020
+_CELL_M, _STEP_M = 0.010, 0.020
 """of the picture in which a shape hides parts of itself"""
-_GRAZING = 0.25
 
 
 @inlined
@@ -45,51 +46,6 @@ def _back(turn, x, y, z):  # pragma: no cover - compiled
     )
 
 
-@inlined
-def _along(rows, n, direction):  # pragma: no cover - compiled
-    """Return how far row n goes along a direction."""
-    return rows[n, 0] * direction[0] + rows[n, 1] * direction[1] + rows[n, 2] * direction[2]
-
-
-@inlined
-def _cell(points, n, u, v):  # pragma: no cover - compiled
-    """Return the cell of the picture that a point falls into."""
-    half = _CELLS // 2
-    return (
-        min(max(int(np.floor(_along(points, n, u) / _CELL_M)) + half, 0), _CELLS - 1),
-        min(max(int(np.floor(_along(points, n, v) / _CELL_M)) + half, 0), _CELLS - 1),
-    )
-
-
-@compiled_as_numpy
-def mark_visible(points, normals, turn, sight, picture, marks):  # pragma: no cover - compiled
-    """Set marks (V,) to whether points (V, 3), turned, are seen from far away along `sight` (3,),
-    which points to the eye.
-
-    Parameters
-    ----------
-    picture
-        (64, 64) scratch.
-    """
-    # a frame of the picture: two directions across the line of sight
-    other = np.zeros(3)
-    other[np.argmin(np.abs(sight))] = 1.0
-    x = np.cross(sight, other)
-    x /= np.sqrt((x * x).sum())
-    y = np.cross(sight, x)
-    # into the shape's own frame
-    s = _back(turn, sight[0], sight[1], sight[2])
-    u, v = _back(turn, x[0], x[1], x[2]), _back(turn, y[0], y[1], y[2])
-    picture[:] = -np.inf
-    for n in range(points.shape[0]):
-        i, k = _cell(points, n, u, v)
-        picture[i, k] = max(picture[i, k], _along(points, n, s))
-    for n in range(points.shape[0]):
-        i, k = _cell(points, n, u, v)
-        in_front = _along(points, n, s) > picture[i, k] - _STEP_M
-        marks[n] = in_front and _along(normals, n, s) >= _GRAZING
-
-
 @compiled_as_numpy
 def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cover - compiled
     """Return (R, M) the share of area on which a shape and a cloud disagree, 0 to 1.
@@ -108,21 +64,20 @@ def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cove
     shape
         Points, normals, the area of each point, the palm's middle, reach.
     eyes
-        (K, 3) directions to them, and where those of each view begin: all of its eyes must see a
-        point, one view is enough; without views everything is visible.
+        (K, 3) the ways to them from the cloud's middle, and where those of each view begin: all of
+        its eyes must see a point, one view is enough; without views everything is visible.
     """
     (cloud, cloud_area), (distances, map_low, map_spacing) = cloud, distances
-    (directions, sight_start), (rotations, places) = eyes, laid
+    (ways, sight_start), (rotations, places) = eyes, laid
     points, normals, point_area, middle, reach = shape
     field, field_low, field_spacing = field
     out = np.empty((rotations.shape[0], places.shape[0]))
     views = sight_start.shape[0] - 1
     count = points.shape[0]
-    picture = np.empty((_CELLS, _CELLS))
     visible = np.empty(count, np.bool_)
     by_all = np.empty(count, np.bool_)
     by_one = np.empty(count, np.bool_)
-    turned = np.empty((count, 3))
+    eye, turned = np.empty(3), np.empty((count, 3))
     square = reach * reach
     for r in range(rotations.shape[0]):
         turn = rotations[r]
@@ -130,8 +85,10 @@ def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cove
         for w in range(views):
             by_all[:] = True
             for e in range(sight_start[w], sight_start[w + 1]):
-                mark_visible(points, normals, turn, directions[e], picture, by_one)
-                by_all &= by_one
+                x, y, z = _back(turn, ways[e, 0], ways[e, 1], ways[e, 2])
+                eye[0], eye[1], eye[2] = middle[0] + x, middle[1] + y, middle[2] + z
+                fill_facing(points, normals, eye, GRAZING, by_one)
+                by_all &= by_one & ~occlusion(points, points, eye, _CELL_M, _STEP_M)[0]
             visible |= by_all
         seen = 0
         for n in range(count):

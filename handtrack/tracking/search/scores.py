@@ -223,18 +223,18 @@ class CloudScore:
         return self.distances.at_nodes()
 
     @cached_property
-    def _view_directions(self) -> tuple[Floats, Ints]:
+    def _ways_to_eyes(self) -> tuple[Floats, Ints]:
         middle = np.median(self.points, axis=0)
-        rays = [view_centres(view) - middle for view in self.views]
-        rays = [way / np.linalg.norm(way, axis=1, keepdims=True) for way in rays]
-        start = np.cumsum([0, *map(len, rays)]).astype(np.int64)
-        return np.concatenate([*rays, np.zeros((0, 3))]), start
+        ways = [view_centres(view) - middle for view in self.views]
+        start = np.cumsum([0, *map(len, ways)]).astype(np.int64)
+        return np.concatenate([*ways, np.zeros((0, 3))]), start
 
     @cached_property
     def places(self) -> Floats[M, D3]:
         """Where a palm's middle may be, world [m]: all over the cloud, the nearest to the cameras first."""
-        directions = self._view_directions[0]
-        away = -directions.mean(axis=0) if len(directions) else np.zeros(3)
+        ways = self._ways_to_eyes[0]
+        directions = ways / np.linalg.norm(ways, axis=1, keepdims=True)
+        away = -directions.mean(axis=0) if len(ways) else np.zeros(3)
         near = self.points @ away
         order = np.argsort(near, kind="stable")
         chosen = group_middles(self.points[order], _CLOUD_PLACE_M, _MOST_CLOUD_PLACES)
@@ -253,7 +253,7 @@ class CloudScore:
         return cloud_scores(
             (self.points, self.area),
             (self._nodes, self.distances.low, self.distances.spacing),
-            self._view_directions,
+            self._ways_to_eyes,
             (np.ascontiguousarray(rotations), np.ascontiguousarray(places)),
             (points[hand], normals[hand], shape.area, shape.middle, shape.reach),
             shape.field,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -190,9 +191,5 @@ def _hand_ellipsoids(model: ArticulatedModel) -> Ellipsoids:
 
 def _before(camera: Floats, points: Floats, hand: Ellipsoids) -> Array:
     """Return (...,) whether the line of sight from a camera (3,) to each point (..., 3) passes the hand."""
-    to_ball = np.swapaxes(hand.rotation, 1, 2) / (_HAND_MARGIN * hand.radii)[:, :, None]
-    start = np.einsum("eij,ej->ei", to_ball, camera - hand.centre)
-    way = ((points - camera) @ to_ball.reshape(-1, 3).T).reshape(*points.shape[:-1], -1, 3)
-    along, long = np.einsum("...ei,ei->...e", way, start), np.einsum("...ei,...ei->...e", way, way)
-    off = (start**2).sum(axis=-1) - along**2 / long
-    return (off < 1.0).any(axis=-1)
+    wide = replace(hand, radii=_HAND_MARGIN * hand.radii)
+    return wide.hide(points.reshape(-1, 3), camera, -np.inf).reshape(points.shape[:-1])
