@@ -44,29 +44,6 @@ class PartMesh:
         return PartMesh(self.bone[kept], self.local[kept], self.normal[kept], faces)
 
 
-def ellipsoid_mesh(ellipsoids: Ellipsoids, divisions: int = 2) -> PartMesh:
-    """Return every ellipsoid as a mesh with 20 · 4^divisions faces.
-
-    Its corners stand a little outside, so that the outline is of the right size on average: a chord of angle θ lies
-    θ²/12 inside its arc.
-    """
-    ball, faces = _icosphere(divisions)
-    edge = ball[faces[:, 0]] - ball[faces[:, 1]]
-    outside = 1.0 + float((edge**2).sum(axis=1).mean()) / 12.0
-    scaled = ellipsoids.radii[:, None, :] * ball * outside
-    local = ellipsoids.centre[:, None] + np.einsum("eij,evj->evi", ellipsoids.rotation, scaled)
-    normal = np.einsum("eij,evj->evi", ellipsoids.rotation, ball / ellipsoids.radii[:, None, :])
-    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    count = len(ellipsoids)
-    everyone = faces[None] + len(ball) * np.arange(count)[:, None, None]
-    return PartMesh(
-        np.repeat(ellipsoids.bone, len(ball)),
-        local.reshape(-1, 3),
-        normal.reshape(-1, 3),
-        everyone.reshape(-1, 3),
-    )
-
-
 def vertex_normals(vertices: Floats[V, D3], faces: Ints[T, D3]) -> Floats[V, D3]:
     """Return unit normals of a mesh: of the faces around each vertex, weighted by their areas."""
     corner = vertices[faces]
@@ -75,32 +52,6 @@ def vertex_normals(vertices: Floats[V, D3], faces: Ints[T, D3]) -> Floats[V, D3]
     for i in range(3):
         np.add.at(normal, faces[:, i], across)
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-
-
-def _icosphere(divisions: int) -> tuple[Floats, Ints]:
-    """Return points (V, 3) on the unit ball and faces (F, 3), counter-clockwise seen from outside."""
-    golden = (1.0 + np.sqrt(5.0)) / 2.0
-    long, short = [1.0, -1.0], [golden, -golden]
-    points = [(0.0, a, b) for a in long for b in short]
-    points += [(a, b, 0.0) for a in long for b in short]
-    points += [(b, 0.0, a) for a in long for b in short]
-    ball = np.array(points) / np.hypot(1.0, golden)
-    for _ in range(divisions):
-        sides = _hull(ball)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        middle = ball[np.unique(np.sort(sides), axis=0)].sum(axis=1)
-        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-        ball = np.concatenate([ball, middle])
-    return ball, _hull(ball)
-
-
-def _hull(ball: Floats[V, D3]) -> Ints[T, D3]:
-    """Return the triangles between points of a ball, counter-clockwise seen from outside."""
-    from scipy.spatial import ConvexHull
-
-    faces = np.array(ConvexHull(ball).simplices, int)
-    inward = np.linalg.det(ball[faces]) < 0
-    faces[inward] = faces[inward, ::-1]
-    return faces
 
 
 # ---- Superquadrics on bones, tapered and bent, as meshes: the flesh of a body. 2003 paper, section 2; docs/reference/models.md
@@ -179,6 +130,19 @@ class Superquadrics(Ellipsoids):
         moved = across * np.cos(angle) + shift - across
         along = z * np.sinc(angle / np.pi) - across * np.sin(angle)
         return np.stack([x + c * moved, y + s * moved, along], axis=1)
+
+
+def ellipsoid_mesh(ellipsoids: Ellipsoids, around: int = 16, along: int = 12) -> PartMesh:
+    """Return every ellipsoid as `Superquadrics.mesh` does.
+
+    Its corners stand a little outside, so that the outline is of the right size on average: a chord of angle θ lies
+    θ²/12 inside its arc.
+    """
+    outside = 1.0 + ((2.0 * np.pi / around) ** 2 + (np.pi / along) ** 2) / 24.0
+    even, none = np.ones((len(ellipsoids), 2)), np.zeros((len(ellipsoids), 2))
+    bone, centre, rotation = ellipsoids.bone, ellipsoids.centre, ellipsoids.rotation
+    parts = Superquadrics(bone, centre, rotation, outside * ellipsoids.radii, even, none, none)
+    return parts.mesh(around, along)
 
 
 def read_superquadrics(

@@ -184,12 +184,12 @@ class Code:
             return tuple(map(self.argument, kind, cgutils.unpack_tuple(self.builder, value)))
         return Memory.of(self, kind, value) if isinstance(kind, types.Array) else value
 
-    def splat(self, value, count=LANES):
-        vector = ir.VectorType(value.type, count)
+    def splat(self, value):
+        vector = ir.VectorType(value.type, LANES)
         one = self.builder.insert_element(
             ir.Constant(vector, ir.Undefined), value, ir.Constant(ir.IntType(32), 0)
         )
-        return Eight(self.builder, one).picked([0] * count)
+        return Eight(self.builder, one).picked([0] * LANES)
 
     def highest(self):
         """Return a place for the highest numbers met, −∞ at first."""
@@ -205,9 +205,9 @@ class Code:
         """Return the largest number met."""
         return Eight(self.builder, self.builder.load(highest)).largest()
 
-    def eight(self, numbers, kind=DOUBLES):
+    def eight(self, numbers):
         """Return eight constants."""
-        return Eight(self.builder, ir.Constant(kind, numbers))
+        return Eight(self.builder, ir.Constant(DOUBLES, numbers))
 
     def long(self, number):
         return ir.Constant(LONG, number)

@@ -32,8 +32,7 @@ from handtrack.arrays import (
 )
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
-from handtrack.model.ellipsoids import Ellipsoids
+from handtrack.model.ellipsoids import Ellipsoids, model_mask
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.row_kernels import fill_pieces, mark_edges
@@ -428,7 +427,6 @@ def parts_overlap(
 THICK_M = (
     0.010  # thinner is a rim by which a mask is wider than the model, or the model another person's
 )
-_FRACTION = 4  # bits of a pixel that OpenCV draws ellipses to
 
 
 def unexplained_mm2(
@@ -445,7 +443,7 @@ def unexplained_mm2(
     posed = ellipsoids.posed(bones)
     found = np.zeros(len(silhouettes))
     for row, (silhouette, scale) in enumerate(zip(silhouettes, pixels_per_m, strict=True)):
-        left = _mask(silhouette) & ~_covered(silhouette, posed)
+        left = _mask(silhouette) & ~model_mask(silhouette.camera, posed)
         if left.any():
             _, areas = pieces(left, 0.5 * THICK_M * scale)
             found[row] = areas.max(initial=0.0) * (1e3 / scale) ** 2
@@ -477,33 +475,3 @@ def _mask(silhouette: PreparedSilhouette) -> Array[H, W]:
     column = np.arange(width)
     observed = (column >= mask.valid[:, :1]) & (column < mask.valid[:, 1:])
     return observed & (values < -0.5)
-
-
-def _covered(silhouette: PreparedSilhouette, ellipsoids: Ellipsoids) -> Array[H, W]:
-    """Return where a camera sees the model."""
-    camera = silhouette.camera
-    shape = shape_matrix(ellipsoids.rotation, ellipsoids.radii)
-    dual = dual_conic(camera.projection, ellipsoids.centre, shape)
-    seen = is_ellipse(camera.projection, ellipsoids.centre, shape)
-    centre, spread = ellipse(dual[seen])
-    image = np.zeros(camera.size[::-1], np.uint8)
-    for middle, part in zip(centre, spread, strict=True):
-        squares, axes = np.linalg.eigh(part)
-        if squares[0] <= 0:
-            continue
-        turn = float(np.rad2deg(np.arctan2(axes[1, 1], axes[0, 1])))
-        at, half = ((1 << _FRACTION) * np.array([middle, np.sqrt(squares[::-1])])).round()
-        if np.abs([at, half]).max() < 1 << 28:
-            cv2.ellipse(
-                image,
-                at.astype(int).tolist(),
-                half.astype(int).tolist(),
-                turn,
-                0,
-                360,
-                1,
-                -1,
-                cv2.LINE_8,
-                _FRACTION,
-            )
-    return image > 0
