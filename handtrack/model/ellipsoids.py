@@ -91,12 +91,16 @@ class Ellipsoids:
     def hide(self, points: Floats[J, D3], eye: Floats[D3], near_m: float) -> Array[J]:
         """Return which points posed ellipsoids hide from an eye; what lies that near before a point is its own."""
         to_ball = np.swapaxes(self.rotation, 1, 2) / self.radii[:, :, None]
-        begin = np.einsum("eij,ej->ei", to_ball, eye - self.centre)[:, None]
-        along = np.einsum("eij,kj->eki", to_ball, points - eye)
-        share = -(begin * along).sum(axis=2) / (along**2).sum(axis=2)
+        begin = np.einsum("eij,ej->ei", to_ball, eye - self.centre)
+        ways = (points - eye) @ np.swapaxes(to_ball, 1, 2)
+        along, square = (
+            np.einsum("ei,eji->ej", begin, ways),
+            np.einsum("eji,eji->ej", ways, ways),
+        )
         last = 1.0 - near_m / np.linalg.norm(points - eye, axis=1)
-        nearest = begin + np.clip(share, 0.0, last)[:, :, None] * along
-        return ((nearest**2).sum(axis=2) < 1.0).any(axis=0)
+        share = np.clip(-along / square, 0.0, last)
+        off = (begin**2).sum(axis=1)[:, None] + share * (2.0 * along + share * square)
+        return (off < 1.0).any(axis=0)
 
 
 def field_image(
