@@ -197,7 +197,7 @@ def image_residuals(
         for texture, image in term.observed:
             at = bones.to_world(texture.bone, bones.rescaled(texture.bone, texture.local))
             pixels = texture.camera.project(at)
-            brighter = (image.look_up(pixels)[0] - texture.color).mean(axis=1)
+            brighter = (image.look_up(pixels) - texture.color).mean(axis=1)
             yield "texture", texture.camera, pixels, brighter / term.sigma
 
 

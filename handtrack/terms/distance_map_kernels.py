@@ -263,9 +263,9 @@ def _picture(points, others, centre, cell_m):  # pragma: no cover - compiled
     far = max(np.sqrt((axes[2] ** 2).sum()), 1e-6)
     axes[2] /= far
     axes[1, np.argmin(np.abs(axes[2]))] = 1.0
-    _cross(axes[2], axes[1], axes[0])
+    axes[0] = np.cross(axes[2], axes[1])
     axes[0] /= np.sqrt((axes[0] ** 2).sum())
-    _cross(axes[2], axes[0], axes[1])
+    axes[1] = np.cross(axes[2], axes[0])
     flat, depth = _seen(points, centre, axes, far / cell_m)
     beside, nearer = _seen(others, centre, axes, far / cell_m)
     left, top = flat[:, 0].min(), flat[:, 1].min()
@@ -279,13 +279,6 @@ def _picture(points, others, centre, cell_m):  # pragma: no cover - compiled
         if nearer[n] > 0.0 and 0.0 <= u < wide and 0.0 <= v < high:
             cell[n] = np.int64(u * high + v)
     return place, depth, cell, nearer, count
-
-
-@compiled_as_numpy
-def _cross(a, b, out):  # pragma: no cover - compiled
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        out[i] = a[j] * b[k] - a[k] * b[j]
 
 
 @compiled_as_numpy

@@ -29,16 +29,14 @@ def look_up(image, i, j, p, q, c):  # pragma: no cover - compiled
 
 
 @compiled_as_numpy
-def look_up_all(image, pixels, values, slopes):  # pragma: no cover - compiled
-    """Fill values (N, C) and slopes (N, C, 2) at pixels (N, 2) of this window."""
+def look_up_all(image, pixels, values):  # pragma: no cover - compiled
+    """Fill values (N, C) at pixels (N, 2) of this window."""
     height, width, channels = image.shape
     for n in range(pixels.shape[0]):
-        j, q, in_u = cell(pixels[n, 0], width)
-        i, p, in_v = cell(pixels[n, 1], height)
+        j, q, _ = cell(pixels[n, 0], width)
+        i, p, _ = cell(pixels[n, 1], height)
         for c in range(channels):
-            value, du, dv = look_up(image, i, j, p, q, c)
-            values[n, c] = value
-            slopes[n, c, 0], slopes[n, c, 1] = in_u * du, in_v * dv
+            values[n, c] = look_up(image, i, j, p, q, c)[0]
 
 
 NEAREST = 1e-3  # [m] in front of the camera

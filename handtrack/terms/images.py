@@ -35,13 +35,12 @@ class SmoothImage:
     values: Array[H, W, D3]
     """float32, 0 … 255"""
 
-    def look_up(self, pixels: Floats[N, D2]) -> tuple[Floats[N, D3], Floats[N, D3, D2]]:
-        """Return values and their slopes [1/px] at image points, bilinear."""
-        count, channels = len(pixels), self.values.shape[2]
-        values, slopes = np.empty((count, channels)), np.empty((count, channels, 2))
+    def look_up(self, pixels: Floats[N, D2]) -> Floats[N, D3]:
+        """Return values at image points, bilinear."""
+        values = np.empty((len(pixels), self.values.shape[2]))
         at = np.ascontiguousarray(pixels - np.array(self.corner, dtype=float))
-        look_up_all(self.values, at, values, slopes)
-        return values, slopes
+        look_up_all(self.values, at, values)
+        return values
 
 
 def smooth_image(
@@ -176,7 +175,7 @@ def exposed_as(texture: Texture, bones: BonePoses, image: SmoothImage) -> Textur
     """
     if not len(texture.bone):
         return texture
-    now = image.look_up(texture.camera.project(bones.to_world(texture.bone, texture.local)))[0]
+    now = image.look_up(texture.camera.project(bones.to_world(texture.bone, texture.local)))
     middle, middle_now = np.median(texture.color, axis=0), np.median(now, axis=0)
     spread = np.median(np.abs(texture.color - middle)) + _UNSURE
     spread_now = np.median(np.abs(now - middle_now)) + _UNSURE

@@ -51,7 +51,7 @@ def texture_seen(rng, bones, mesh, views):
     for camera, pixels in views:
         bone, local, pixel = texture_points(mesh, before, depth_picture(mesh, before, camera), 3)
         image = smooth_image(pixels, 1.5, pixel, 10.0)
-        color = 40.0 + 0.7 * image.look_up(pixel)[0]
+        color = 40.0 + 0.7 * image.look_up(pixel)
         texture = Texture(camera, bone, local, color)
         texture = still_visible(texture, bones, depth_picture(mesh, bones, camera), STEP_M)
         seen.append((exposed_as(texture, bones, image), image))

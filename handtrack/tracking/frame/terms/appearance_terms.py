@@ -84,7 +84,7 @@ class CarriedPoints:
         """Return the points with the colours that the smoothed image has there."""
         if smoothing_px not in self._textures:
             image = smooth_image(self.pixels, smoothing_px, self.pixel)
-            colours = image.look_up(self.pixel)[0]
+            colours = image.look_up(self.pixel)
             self._textures[smoothing_px] = Texture(self.camera, self.bone, self.local, colours)
         return self._textures[smoothing_px]
 
