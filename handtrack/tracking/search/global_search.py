@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise, product, takewhile
+from itertools import product, takewhile
 
 import numpy as np
 
@@ -79,7 +79,6 @@ _NEAR_M, _SPEED_M = 0.10, 0.03
 _APART_RAD, _APART_M = np.deg2rad(24.0), 0.03
 _STRETCHED, _BENT = "open", "fist"
 _SHAPE_ERRORS = 30.0  # ways in which a hand is not the model: length and girth of fifteen phalanges
-_FREEDOMS = ("mcp_flex", "mcp_abd", "pip_flex", "dip_flex")
 _MOST_CAMERAS = 2  # along whose lines of sight fingers are flipped
 
 
@@ -275,22 +274,6 @@ def finger_bends(
     return objective.distinct(bent, most)
 
 
-def finger_swaps(
-    objective: GlobalObjective, found: Sequence[Candidate], most: int
-) -> list[Candidate]:
-    """Propose the best pose with two neighbouring fingers exchanged; every pair without the thumb."""
-    swapped = []
-    for best, pair in product(_best(found), pairwise(FINGERS[1:])):
-        model, joint = best.model, best.model.joint_params(best.params)
-        one, other = (
-            [model.skeleton.parameter(f"{finger}_{name}") for name in _FREEDOMS] for finger in pair
-        )
-        joint[one], joint[other] = joint[other], joint[one]
-        params = model.clipped(model.solver_params(joint))
-        swapped.append(replace(best, params=params, origin="finger swaps", cost=0.0))
-    return swapped
-
-
 def best_pose(objective: GlobalObjective, found: Sequence[Candidate], most: int) -> list[Candidate]:
     """Propose the best pose once more, if the search for lost fingers is on."""
     best = _best(found) if objective.settings.tracker.escape else []
@@ -469,7 +452,6 @@ LOST_HAND = Search(
 FINISH = (
     Round(enter=5, fits=((tracker, 0),)),
     Round(((best_pose, 0),), adds=True, fits=((tracker_with_lost_fingers, 0),)),
-    Round(((finger_swaps, 0),), adds=True, fits=((wide, 12), (tracker, 0))),
 )
 """how first poses are finished, wherever they come from"""
 FIRST_POSE = Search(
