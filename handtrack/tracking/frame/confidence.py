@@ -363,7 +363,7 @@ BODY = Calibration(1.7, 0.0, 8.0, 0.0, 0.0, 0.0)
 
 MISSED = 5.0
 """what a wrong frame costs that nobody looks at, where a look costs 1: a look pays above a probability of 1 / MISSED. By 5
-a fifth of the frames are looked at, and two of three wrong ones found; by 7, 28 % and four of five"""
+a quarter of the frames are looked at, and three of four wrong ones found; by 7, a third and four of five"""
 ALWAYS = -5.97
 SIGNS = {"moved": 0.31, "open": 1.92, "free": 0.77}
 """logarithm of the odds that a frame is wrong: ALWAYS where no sign tells of it, and what each adds times its size; none subtracts. The

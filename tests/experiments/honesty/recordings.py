@@ -2,7 +2,7 @@
 
 DATA: a folder with `webxr_generic_hand`, `umetrack_generic_hand` and, for motions, `realsense_hand_pose`. MAKEHUMAN, LEAP: the git folders
 of copies of makehumancommunity/makehuman and leapmotion/leapjs-playback. OUT: gets a folder for each part of `HALVES`: figures are fitted to
-`tune` and `seen`; `fresh`, `apart` and `last`, other people, motions and noise, were each for one look, at the latter figures in the
+`tune` and `seen`; `fresh`, `apart`, `last` and `kept`, other people, motions and noise, were each for one look, at the latter figures in the
 documentation were read.
 """
 
@@ -204,6 +204,44 @@ HALVES = {
         2 ragged makehuman5 fist
         2 joints makehuman4 curls
     """,
+    "kept": """
+        2 joints unmasked makehuman5 letters
+        2 joints unmasked webxr curls
+        3 joints unmasked makehuman2 fist
+        2 joints unmasked umetrack counts
+        2 joints ragged makehuman6 fist
+        2 joints makehuman1 pinch:0
+        3 joints late makehuman3 counts
+        3 joints gaps webxr pinches
+        2 joints turned makehuman0 letters
+        2 ragged makehuman1 fist
+        2 gaps makehuman5 animbank_a:420
+        2 late makehuman6 letters
+        3 sleeve makehuman7 fist
+        3 turned ragged webxr counts
+        4 makehuman3 letters
+        5 gaps umetrack fist
+        2 makehuman0 fist
+        2 umetrack letters
+        2 ragged makehuman4 animbank_a:560
+        2 joints turned webxr fist
+        2 joints unmasked makehuman7 fist
+        2 joints unmasked makehuman3 pinches
+        3 joints unmasked umetrack letters
+        2 joints unmasked makehuman6 waves
+        2 joints ragged umetrack fist
+        2 joints makehuman4 confidence2:0
+        3 joints late makehuman1 fist
+        3 joints gaps makehuman0 letters
+        2 joints turned makehuman5 curls
+        2 ragged webxr letters
+        2 gaps makehuman7 animbank_a:240
+        2 late umetrack curls
+        3 sleeve makehuman2 letters
+        3 turned ragged makehuman6 pinches
+        4 makehuman5 fist
+        2 makehuman2 curls
+    """,
 }
 """of each recording cameras, faults, hand, and motion: of `motions.SHAPES`, or FILE:ROW of RealSense's or Leap Motion's. Faults: masks with
 ragged outlines; the second camera late; the last one turned; gaps, a fifth of the masks missing, and the second camera's before frame 10; a
@@ -237,7 +275,7 @@ def main() -> None:
         return hands[name] if recipe == name else base().hand(people()[int(recipe)])
 
     for half, rows in HALVES.items():
-        seed = {"tune": "tune", "last": "third fresh"}.get(half, "fresh")
+        seed = {"tune": "tune", "last": "third fresh", "kept": "fourth fresh"}.get(half, "fresh")
         for row in rows.strip().splitlines():
             cameras, *faults, name, motion = row.split()
             rng = np.random.default_rng(
