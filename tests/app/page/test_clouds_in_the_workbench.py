@@ -5,25 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack_app import protocol
-from tests.app.cloudy_session import HAND, SKIN, WALL, cloudy_session
+from tests.app.cloudy_session import cloudy_session
 from tests.app.desk import working
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
-
-
-def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(cloudy_desk):
-    worker, listener = cloudy_desk
-    worker.engine.want_cloud(protocol.CloudSelection(points=True))
-    cloud = listener.wait(protocol.CloudSnapshot)
-    document = worker.document
-    bones = document.model.bones(document.model.solver_params(document.shown))
-    seen = document.run.observation(0, bones)
-    assert_allclose(cloud.points, seen.cloud.points, atol=1e-6)
-    assert np.abs(cloud.residual_mm).max() < 0.1  # the cloud was taken from this very surface
-    assert cloud.measured == HAND + WALL
-    dropped = {c.name: c.before - c.after for c in cloud.counts}
-    assert dropped["crop"] > 0.9 * WALL  # some shared a cell
-    assert (cloud.colors == np.uint8(SKIN)).all()
 
 
 def test_the_energys_parts_are_on_the_timeline(cloudy_desk):

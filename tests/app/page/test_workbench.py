@@ -4,45 +4,19 @@ through a camera of its own; the next step is offered; settings are undone; name
 import json
 import threading
 from contextlib import ExitStack
-from copy import copy
 from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import viser
-from numpy.testing import assert_allclose
 
-from handtrack.geometry.rotation import matrix_from_quaternion
 from handtrack_app import protocol
-from handtrack_app.engine.document_snapshots import pose_snapshot
-from handtrack_app.page.page import Display
 from tests.app.desk import shown, value_of
 from tests.app.engine.test_saving_settings import TEXT
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient, said
 from tests.session.small_session import edit
-
-
-def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench):
-    document, stage = bench.worker.document, bench.stage
-    bones = document.model.bones(document.model.transform.solver_params(document.start))
-    posed = document.model.ellipsoids["fine"].posed(bones)
-    turned = matrix_from_quaternion(np.array(stage.hand.ellipsoids.batched_wxyzs, float))
-    assert_allclose(turned, posed.rotation, atol=1e-6)
-    for camera in document.session.rig.cameras:
-        drawn = stage.cameras.frusta[camera.name]
-        turned = matrix_from_quaternion(np.array(drawn.wxyz))
-        assert_allclose(turned, camera.rotation.T, atol=1e-6)
-        assert_allclose(drawn.position, camera.centre, atol=1e-6)
-    drawn, hand = SimpleNamespace(visible=True), copy(stage.hand)
-    hand.bones = hand.joints = drawn
-    hand.move_to_pose(pose_snapshot(document), Display())
-    names = document.model.skeleton.bone_names
-    ends = drawn.batched_positions[len(names) :]  # of each bone, after where it begins
-    knuckle = bones.position[names.index("index_intermediate")]
-    assert_allclose(ends[names.index("index_proximal")], knuckle, atol=1e-6)
 
 
 def test_a_root_pose_beyond_reason_does_nothing_and_a_good_one_moves_the_hand(bench, wire):
@@ -246,22 +220,13 @@ def test_a_setting_is_marked_undone_saved_and_brought_back_to_session_toml(bench
 
 def test_a_number_of_the_shape_is_set_shown_and_undone(bench, wire):
     panel = bench.layout.settings.shape
-    before = panel.list.content
-    usual = panel.slider.max
+    before, usual = panel.list.content, panel.slider.max
     wire.set_value(panel.chosen, "palm breadth")
     eventually(lambda: panel.slider.max != usual)
     wire.set_value(panel.slider, 6.0)
     eventually(lambda: "+6.0 %" in panel.list.content)
-    wire.set_value(panel.chosen, "thumb base along")
-    eventually(lambda: panel.slider.label == "mm")
-    assert panel.slider.value == 0.0
-    wire.set_value(panel.slider, -3.0)
-    eventually(lambda: "−3.0 mm" in panel.list.content)
-    assert "+6.0 %" in panel.list.content
     wire.trigger("Undo")
-    eventually(lambda: "−3.0 mm" not in panel.list.content and panel.slider.value == 0.0)
-    wire.trigger("Undo")
-    eventually(lambda: panel.list.content == before)
+    eventually(lambda: panel.list.content == before and panel.slider.value == 0.0)
 
 
 TAG = "<img src=x onerror=alert(1)>"
