@@ -1,4 +1,4 @@
-"""Golden files of the formats that are text, of a recording and a batch: python -m tests.golden.files writes them anew.
+"""Golden files of the formats that are text or NumPy's, of a recording and a batch: python -m tests.golden.files writes them anew.
 
 What others' scripts read stays as it is, and what was written once opens for ever; a change of one of these files is a change
 of a promise, told in the changelog. Exports that are no text are read by others' programs (tests/export/foreign.py).
@@ -19,7 +19,9 @@ from tests.sample_track import hand_track
 HERE = Path(__file__).parent
 FOLDER, RECORDING = HERE / "files", HERE / "recorded"
 POSES, POSES_2 = "poses.npz", "poses_2.npz"
-TEXTS = "csv csv-long trc mot bvh bvh-humanik urdf osim openpose mediapipe anipose"
+TEXTS = (
+    "csv csv-long trc mot bvh bvh-humanik urdf osim openpose mediapipe anipose npz keypoints report"
+)
 FRAMES = 2
 AGAIN = (
     "Others read these files, and results are a promise. If one is to change, record it anew with `python -m tests.golden.files` or "
