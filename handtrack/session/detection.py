@@ -36,11 +36,13 @@ from handtrack.session.sources.views import View
 LAYOUT = "mediapipe21"
 _WRITER = "handtrack detect"
 _SAMPLED = 12  # frames of each camera that are asked for the side
+_OTHER_SIZE = 1.5  # times smaller or larger than anywhere that two cameras see a hand
+_PALM = [0, 5, 9, 13, 17]  # rows of wrist and knuckles: as far apart in a fist as in an open hand
 
 
 COUNTED = ("images", "found", "other_side", "unfit")
 """what is counted of a camera: images that were looked at; in how many of them the session's hand was found, all hands were rather of
-the other side, or a hand was seen that does not lie where the other cameras see the session's
+the other side, or a hand was seen that does not lie where the other cameras see the session's, or is far smaller or larger
 """
 _Hands = dict[str, dict[int, DetectedHand]]
 """of a frame, by camera and by the number that a hand has while it is followed"""
@@ -137,6 +139,31 @@ def _told_apart(
         yield frame, observed, our_hands(observed)
 
 
+def _confirmed_sizes(
+    detections: Iterable[Mapping[str, HandObservation]],
+) -> dict[str, list[float]]:
+    """Return by camera how large the palm is in images whose hand another camera sees as well [px]."""
+    sizes = defaultdict[str, list[float]](list)
+    for ours in detections:
+        for name, mine in ours.items() if len(ours) > 1 else ():
+            sizes[name].append(_palm_px(mine))
+    return sizes
+
+
+def _has_other_size(mine: HandObservation, confirmed: Sequence[float]) -> bool:
+    """Return whether a palm is far smaller or larger than all that were confirmed: a part of a fist that is taken for a whole
+    hand would place it metres away.
+    """
+    size = _palm_px(mine)
+    least, most = min(confirmed, default=size), max(confirmed, default=size)
+    return not least / _OTHER_SIZE <= size <= most * _OTHER_SIZE
+
+
+def _palm_px(mine: HandObservation) -> float:
+    points = mine.hand.points[_PALM]
+    return float(np.linalg.norm(points[:, None] - points, axis=2).max())
+
+
 class JointDetection:
     """Goes through frames in order, then says which hand is the session's, and writes its joints."""
 
@@ -176,9 +203,13 @@ class JointDetection:
         """
         side = self.session.file.hand.side
         counts = {name: Counter[str](dict.fromkeys(COUNTED, 0)) for name in self.views}
-        for frame, seen, ours in _told_apart(self.views, side, self._detections):
+        told = list(_told_apart(self.views, side, self._detections))
+        sizes = _confirmed_sizes(ours for _, _, ours in told)
+        for frame, seen, ours in told:
             for name, hands in seen.items():
                 view, mine = self.views[name], ours.get(name)
+                if mine is not None and len(ours) == 1 and _has_other_size(mine, sizes[name]):
+                    mine = None
                 found = ["images"]
                 if mine is not None:
                     found.append("found")

@@ -2,6 +2,7 @@
 
 import shutil
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,15 +66,13 @@ def test_joints_are_written_and_the_session_reads_them(handtrack, folder, scene)
         assert view.keypoints(FRAMES - 1, 5.0) == ()
 
 
-def test_masks_by_the_joints_are_told_of_and_written_where_that_is_said(
-    handtrack, folder, scene, monkeypatch
-):
+def test_masks_by_the_joints_are_told_of_and_written_where_that_is_said(handtrack, folder, scene):
     skin = 'masks = { method = "skin_ycrcb", open_px = 3 }'
     edit(folder / "session.toml", 'masks = "masks/cam1/*.png"', skin)
     named = [camera.masks for camera in Session.open(folder).file.cameras]
-    with monkeypatch.context() as blind:
-        blind.setattr(Scene, "seen", lambda *_: [])
-        assert "Masks" not in handtrack("detect", folder, "--write", "--masks").out
+    scene.places = {}
+    assert "Masks" not in handtrack("detect", folder, "--write", "--masks").out
+    scene.places = {"right": MINE}
     handtrack("detect", folder, "--write")
     assert [camera.masks for camera in Session.open(folder).file.cameras] == named
     shown = handtrack("detect", folder, "--masks")
@@ -89,6 +88,18 @@ def test_a_hand_of_the_other_side_is_left_out_and_told(handtrack, folder, scene)
     ended = handtrack.does("detect", folder, "--write")
     assert f"'cam1': in {FRAMES - 1} images all hands" in ended.err
     assert "keypoints" not in (folder / "session.toml").read_text()
+
+
+def test_a_part_of_a_fist_taken_for_a_hand_by_one_camera_is_left_out(handtrack, folder, scene):
+    whole = scene.seen
+
+    def seen(image):
+        part = [replace(hand, points=0.5 * hand.points) for hand in whole(image)]
+        return {0: [], 1: part}.get(int(image[0, 0, 0]), whole(image))
+
+    scene.seen = seen
+    handtrack.does("detect", folder, "--write")
+    assert Session.open(folder).view("cam1").keypoints(0, 5.0) == ()
 
 
 def test_joints_of_others_stay(handtrack, folder, scene):
@@ -121,15 +132,13 @@ def test_points_outside_of_what_is_observed_are_missing(handtrack, folder, scene
         assert np.isfinite(joints.pixels).all(axis=1).tolist() == within.tolist()
 
 
-def test_ctrl_c_keeps_what_was_found(handtrack, folder, scene, monkeypatch):
-    find = scene.find
-
+def test_ctrl_c_keeps_what_was_found(handtrack, folder, scene):
     def interrupted(*words):
-        monkeypatch.setattr(scene, "find", find)
+        del scene.find
         signal.raise_signal(signal.SIGINT)
-        return find(*words)
+        return scene.find(*words)
 
-    monkeypatch.setattr(scene, "find", interrupted)
+    scene.find = interrupted
     ended = handtrack("detect", folder)
     assert ended.code == 130
     assert "1 of 1" in ended.out
