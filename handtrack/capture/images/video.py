@@ -149,7 +149,8 @@ class VideoFile:
         first = self._decode_next()
         if first is None:
             raise HandtrackError(
-                f"{self.where}: no frame can be decoded; the video is damaged or empty."
+                f"{self.where}: no frame can be decoded. The video is empty or damaged, or OpenCV cannot decode its codec on this "
+                "computer, as often with AV1; re-encode it (for instance with ffmpeg)."
             )
         self._announced = announced_frames(self._capture)
         self.size = (first.shape[1], first.shape[0])
