@@ -100,7 +100,7 @@ def silhouette_iteration_vs_blas() -> dict[str, Any]:
         f"{_words(rows, width, _COVERED)}; ours: kinematics, conics, derivatives, sums and assembly, "
         f"{len(silhouettes)} cameras {camera.size[0]} × {camera.size[1]}, {len(ellipsoids)} ellipsoids, widest band"
     )
-    return _medians([lambda: problem.linearize(start)], rows, width, words)
+    return _medians(lambda: problem.linearize(start), rows, width, words)
 
 
 _ROUNDS = 40
@@ -112,14 +112,11 @@ def _words(rows: int, width: int, of: str = "") -> str:
     return f"BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian{of}, the quicker of two layouts"
 
 
-def _medians(
-    ours: Sequence[Callable[[], Any]], rows: int, width: int, reference: str
-) -> dict[str, Any]:
-    """Return figures by medians; of a second function of ours, which tries the step, too, its time beside."""
-    times = alternating_medians([*ours, *normal_equations(rows, width)], 60)
-    (own, *trial), best = times[: len(ours)], min(times[len(ours) :])
-    figures = {"ratio": own / best, "ours_ms": own, "reference_ms": best, "reference": reference}
-    return figures | ({"ours_with_trial_cost_ms": trial[0]} if trial else {})
+def _medians(ours: Callable[[], Any], rows: int, width: int, reference: str) -> dict[str, Any]:
+    """Return figures by medians."""
+    own, *blas = alternating_medians([ours, *normal_equations(rows, width)], 60)
+    best = min(blas)
+    return {"ratio": own / best, "ours_ms": own, "reference_ms": best, "reference": reference}
 
 
 def lm_iteration_vs_blas() -> dict[str, Any]:
@@ -147,27 +144,22 @@ def _iterations(prepares: bool) -> dict[str, Any]:
     """Return the time of ten iterations with preparing the masks before, or of one without."""
     views = _, _, start = views_scene()
     rows, width = _covered_rows(views), len(start)
-    seen = prepared(views)
-    problems = views_problem(views, seen), views_problem(views, seen, all_rows=True)
+    known = views_problem(views, prepared(views))
 
-    def ten(problem: Problem) -> int:
+    def solved() -> int:
+        problem = views_problem(views, prepared(views)) if prepares else known
         return solve(problem, start, _TEN).iterations
 
-    shares = [1, 1]
-    chosen: list[Callable[[], int]] = [
-        lambda: ten(views_problem(views, prepared(views))),
-        lambda: ten(views_problem(views, prepared(views), all_rows=True)),
-    ]
-    if not prepares:
-        shares = [ten(problem) for problem in problems]
-        chosen = [lambda: ten(problems[0]), lambda: ten(problems[1])]
-    timings = alternating_timings([*chosen, *normal_equations(rows, width)], _ROUNDS)
-    ours, of_all = (
-        [time / share for time in times] for times, share in zip(timings, shares, strict=False)
-    )
-    figures = ratio_figures(ours, timings[2:], _words(rows, width, _COVERED))
-    of_all_rows = min(of_all) / figures["reference_ms"]
-    return figures | {"ratio_with_all_rows": of_all_rows, "iterations": chosen[0]()}
+    count = 1 if prepares else solved()
+    return _shares(solved, count, rows, width, _COVERED)
+
+
+def _shares(
+    solved: Callable[[], int], count: int, rows: int, width: int, of: str = ""
+) -> dict[str, Any]:
+    """Return figures by the least, of one in so many of ours."""
+    ours, *blas = alternating_timings([solved, *normal_equations(rows, width)], _ROUNDS)
+    return ratio_figures([time / count for time in ours], blas, _words(rows, width, of))
 
 
 @alone
@@ -267,10 +259,7 @@ def cloud_lm_iteration_vs_blas() -> dict[str, Any]:
     def solved() -> int:
         return solve(problem, start, _TEN).iterations
 
-    count, (rows, width) = solved(), (len(points), len(start))
-    ours, *blas = alternating_timings([solved, *normal_equations(rows, width)], _ROUNDS)
-    ours = [time / count for time in ours]
-    return ratio_figures(ours, blas, _words(rows, width)) | {"iterations": count}
+    return _shares(solved, solved(), len(points), len(start))
 
 
 @alone
@@ -283,15 +272,12 @@ def cloud_iteration_vs_blas() -> dict[str, Any]:
         system = problem.linearize(start)
         return bounded_step(system.hessian, system.gradient, start, problem.limits, 1e-2)[1]
 
-    def step_and_trial() -> float:
-        return problem.cost(start + 0.1 * step())
-
     rows, width = len(points), len(start)
     words = (
         f"{_words(rows, width)}; ours: kinematics, closest ellipsoids, distances, derivatives, sums, pull back and the "
         f"bounded step, {len(surface.ellipsoids)} ellipsoids"
     )
-    return _medians([step, step_and_trial], rows, width, words)
+    return _medians(step, rows, width, words)
 
 
 @alone
@@ -316,11 +302,10 @@ def cloud_solve_vs_scipy() -> dict[str, Any]:
 
     low, high = problem.bounds(start).T
 
-    def scipy(method: str) -> tuple[float, int, bool]:
-        calls = [0]
+    def scipy(method: str) -> float:
+        """Return the time to the goal [ms]; infinite where it is not reached."""
 
         def residual(params: Floats) -> Floats:
-            calls[0] += 1
             r = _dense(scene, params)[0]
             if 0.5 * float(r @ r) <= goal:
                 raise StopIteration  # the cost aimed at is reached
@@ -341,22 +326,15 @@ def cloud_solve_vs_scipy() -> dict[str, Any]:
                 gtol=1e-12,
                 **limits,
             )
-            reached = False
         except StopIteration:
-            reached = True
-        return 1e3 * (time.perf_counter() - begin), calls[0], reached
+            return 1e3 * (time.perf_counter() - begin)
+        return np.inf
 
     own = alternating_medians([ours], 5, 1)[0]
     methods = {"lm": "no bounds", "trf": "with the limits as bounds"}
-    runs = {method: [scipy(method) for _ in range(5)] for method in methods}
-    figures: dict[str, Any] = {}
-    for method, results in runs.items():
-        figures[f"scipy_{method}_ms"] = float(np.median([r[0] for r in results]))
-        figures[f"scipy_{method}_calls"] = results[0][1]
-        figures[f"scipy_{method}_reached"] = results[0][2]
-    good = [m for m in methods if figures[f"scipy_{m}_reached"]] or list(methods)
-    best = min(good, key=lambda m: figures[f"scipy_{m}_ms"])
-    reference = figures[f"scipy_{best}_ms"]
+    times = {method: np.median([scipy(method) for _ in range(5)]) for method in methods}
+    best = min(times, key=lambda method: times[method])
+    reference = float(times[best])
     return {
         "ratio": own / reference,
         "ours_ms": own,
@@ -365,7 +343,6 @@ def cloud_solve_vs_scipy() -> dict[str, Any]:
             f"scipy least_squares ({best}, {methods[best]}) with the same analytic Jacobian, compiled and dense, from "
             f"the same start to the same cost {goal:.6g}; ours with the limits, the cloud's ordering included"
         ),
-        **figures,
     }
 
 

@@ -11,7 +11,6 @@ import json
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import islice
 from typing import Any, Literal
 
 import msgspec
@@ -21,7 +20,6 @@ Value = Any
 State = Mapping[str, Value]
 
 DO, UNDO, REDO, NOTE = "do", "undo", "redo", "note"
-_OPEN = 4  # steps that are kept as they are: the latest, which a drag goes on with, and those of an undo
 Kind = Literal["do", "undo", "redo", "note"]
 """a note changes the state, and is no step of the history: what was saved to a file, say"""
 
@@ -97,54 +95,13 @@ def merged(actions: Sequence[Action]) -> tuple[Change, ...]:
     return tuple(found.values())
 
 
-Step = list[Action]
-"""of a drag there may be several"""
+def _packed(action: Action) -> bytes:
+    """Return an action as it is kept: of a day's work there are thousands, of 7 kB each."""
+    return zlib.compress(json.dumps(action.content).encode())
 
 
-def _unpacked(step: bytes) -> Step:
-    return [Action.of(one) for one in json.loads(zlib.decompress(step))]
-
-
-@dataclass
-class Steps:
-    """Steps one upon the other. Those further down are packed: of a day's work there are thousands, of 7 kB each."""
-
-    _packed: list[bytes] = field(default_factory=list)
-    _open: list[Step] = field(default_factory=list)
-
-    def __len__(self) -> int:
-        return len(self._packed) + len(self._open)
-
-    @property
-    def top(self) -> Step:
-        """The latest step. Raises IndexError where there is none."""
-        if not self._open:
-            self._open.append(_unpacked(self._packed.pop()))
-        return self._open[-1]
-
-    def push(self, step: Step) -> None:
-        """Lay a step upon the others."""
-        self._open.append(step)
-        if len(self._open) > _OPEN:
-            content = json.dumps([action.content for action in self._open.pop(0)])
-            self._packed.append(zlib.compress(content.encode()))
-
-    def pop(self) -> Step:
-        """Take the latest step off. Raises IndexError where there is none."""
-        step = self.top
-        self._open.pop()
-        return step
-
-    def latest_first(self) -> Iterator[Step]:
-        """Yield the steps from the latest on; none is taken off."""
-        yield from reversed(self._open)
-        for packed in reversed(self._packed):
-            yield _unpacked(packed)
-
-    def clear(self) -> None:
-        """Forget all."""
-        self._packed.clear()
-        self._open.clear()
+def _unpacked(content: bytes) -> Action:
+    return Action.of(json.loads(zlib.decompress(content)))
 
 
 @dataclass
@@ -152,8 +109,9 @@ class History:
     """Actions so far, as state and as steps that undo and redo go along."""
 
     state: dict[str, Value] = field(default_factory=dict)
-    past: Steps = field(default_factory=Steps)
-    future: Steps = field(default_factory=Steps)
+    past: list[bytes] = field(default_factory=list)
+    """steps, packed; a step is one action: those that joined it are merged into it"""
+    future: list[bytes] = field(default_factory=list)
     """steps that were undone"""
     last_id: int = 0
     said: tuple[str, int] | None = None
@@ -176,30 +134,30 @@ class History:
     def names(self, most: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return what undo and redo would take back and make again, the next first, at most so many of each."""
         past, future = (
-            tuple(step[0].words for step in islice(steps.latest_first(), most))
+            tuple(_unpacked(step).words for step in reversed(steps[-most:]))
             for steps in (self.past, self.future)
         )
         return past, future
+
+    @property
+    def latest_first(self) -> Iterator[Action]:
+        """The steps from the latest on."""
+        return map(_unpacked, reversed(self.past))
 
     def undoing(self) -> Action | None:
         """Return the action that takes the latest step back; None at the end of the history."""
         if not self.past:
             return None
-        back = [Change(c.key, c.after, c.before) for c in merged(self.past.top)]
-        return self.next(self.past.top[0].words, back, UNDO)
+        latest = _unpacked(self.past[-1])
+        back = [Change(c.key, c.after, c.before) for c in latest.changes]
+        return self.next(latest.words, back, UNDO)
 
     def redoing(self) -> Action | None:
         """Return the action that makes the step undone last again; None where there is none."""
         if not self.future:
             return None
-        return self.next(self.future.top[0].words, merged(self.future.top), REDO)
-
-    def amend(self, changes: Sequence[Change], said: tuple[str, int] | None) -> Action:
-        """Let the latest action have done this instead: a drag goes on. Return it as it is now."""
-        latest = self.past.top[-1]
-        self.past.top[-1] = amended = replace(latest, changes=tuple(changes), said=said)
-        self._count(amended)
-        return amended
+        undone = _unpacked(self.future[-1])
+        return self.next(undone.words, undone.changes, REDO)
 
     def take(self, action: Action) -> None:
         """Let an action count."""
@@ -207,14 +165,13 @@ class History:
         self._count(action)
         if action.kind == DO:
             self.future.clear()
-            if action.joins and self.past:
-                self.past.top.append(action)
-            else:
-                self.past.push([action])
+            joined = [_unpacked(self.past.pop())] if action.joins and self.past else []
+            step = [*joined, action]
+            self.past.append(_packed(replace(step[0], changes=merged(step))))
         elif action.kind == UNDO and self.past:
-            self.future.push(self.past.pop())
+            self.future.append(self.past.pop())
         elif action.kind == REDO and self.future:
-            self.past.push(self.future.pop())
+            self.past.append(self.future.pop())
 
     def _count(self, action: Action) -> None:
         self.said = action.said or self.said

@@ -218,7 +218,7 @@ def test_c15_an_image_larger_than_its_camera_is_not_unpacked(kind, tmp_path, mon
     refused("300 x 200.*299 x 200", files.read, 0)
 
 
-def test_the_closed_form_is_the_rule_for_any_place_in_the_middle(rng):
+def test_green_is_found_by_the_rule_for_any_place(rng):
     """At a pixel without green, from its four neighbours: left, above, below, right."""
     mosaic = rng.integers(0, 4095, (20, 26)).astype(float)
     green = level_line_green(mosaic, "RGGB")

@@ -235,7 +235,8 @@ class Persistence:
         last = self._unwritten[-1] if follows and self._unwritten else None
         if last is not None and last.kind == DO:
             whole = merged([last, Action(last.id, DO, words, tuple(changes))])
-            self._unwritten[-1] = self.history.amend(whole, self.said)
+            self._unwritten[-1] = replace(last, changes=whole, said=self.said)
+            self.history.take(replace(self._unwritten[-1], joins=True))
         else:
             joins = follows and bool(self.history.past)
             self._take_action(self.history.next(words, changes, kind, joins))

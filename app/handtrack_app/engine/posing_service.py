@@ -25,7 +25,7 @@ from handtrack.session.session_state import (
     name_of,
     read,
 )
-from handtrack.store.history import History, merged
+from handtrack.store.history import History
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.pulling import pulled
@@ -244,8 +244,8 @@ def pose_before(document: Document, history: History) -> Floats[S] | None:
     """
     state, here = document.state, ("pose", document.frame)
     names, now = {name_of(here), name_of(("spans", None))}, document.shown
-    for step in history.past.latest_first():
-        earlier = read({c.key: c.before for c in merged(step) if c.key in names})
+    for step in history.latest_first:
+        earlier = read({c.key: c.before for c in step.changes if c.key in names})
         if not earlier:
             continue
         state = state.having(earlier)

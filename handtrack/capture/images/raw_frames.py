@@ -8,7 +8,7 @@ P''; both are interpolated along their sides, and the point between them. Red an
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -67,19 +67,9 @@ def level_line_green(mosaic: Floats[H, W], pattern: str) -> Floats[H, W]:
     # the square on its corner, turned so that its corners read P1 P2 / P3 P4
     p1, p2 = padded[1:-1, :-2], padded[:-2, 1:-1]  # left, above
     p3, p4 = padded[2:, 1:-1], padded[1:-1, 2:]  # below, right
-    return np.where(_mask(mosaic.shape, pattern, "G"), mosaic, _level_line_middle(p1, p2, p3, p4))
-
-
-def _level_line_middle(p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> Floats:
-    """Return the value in the middle of squares, in closed form; for any place see `level_line_at`.
-
-    In the middle P' and P'' lie opposite each other, and both cases give mean + s C / 4 with the saddle
-    C = P1 + P4 − P2 − P3 and the line's slope s = −Δx Δy / max(Δx², Δy²).
-    """
-    dx, dy = ((p2 - p1) + (p4 - p3)) / 2, ((p3 - p1) + (p4 - p2)) / 2
-    larger = np.maximum(dx * dx, dy * dy)
-    slope = -dx * dy / np.where(larger > 0, larger, 1.0)
-    return (p1 + p2 + p3 + p4) / 4 + slope * (p1 + p4 - p2 - p3) / 4
+    middle = np.full(mosaic.shape, 0.5)
+    found = _on_level_line((p1, p2, p3, p4), middle, middle)
+    return np.where(_mask(mosaic.shape, pattern, "G"), mosaic, found)
 
 
 def level_line_at(
@@ -96,16 +86,16 @@ def level_line_at(
     column = np.minimum(x.astype(np.intp), width - 2)
     row = np.minimum(y.astype(np.intp), height - 2)
     u, v = x - column, y - row
-    channels = image.reshape(height, width, -1)
     found = [
-        _level_line_value(channels[..., c], row, column, u, v) for c in range(channels.shape[2])
+        _on_level_line([plane[row + j, column + i].astype(float) for j, i in _PLACES], u, v)
+        for plane in np.moveaxis(image.reshape(height, width, -1), -1, 0)
     ]
     return np.stack(found, axis=-1).reshape(*x.shape, *image.shape[2:])
 
 
-def _level_line_value(plane: Array, row: Array, column: Array, u: Floats, v: Floats) -> Floats:
-    """Return the values at (u, v) from 0 to 1 of the squares whose first corner is at row and column."""
-    p1, p2, p3, p4 = (plane[row + down, column + right].astype(float) for down, right in _PLACES)
+def _on_level_line(corners: Sequence[Floats], u: Floats, v: Floats) -> Floats:
+    """Return the values at (u, v) from 0 to 1 of squares with the corners P1, P2, P3, P4."""
+    p1, p2, p3, p4 = corners
     along_x, along_y = -((p3 - p1) + (p4 - p2)), (p2 - p1) + (p4 - p3)  # (−Δy, Δx), twice
     along_x = np.where((along_x == 0) & (along_y == 0), 1.0, along_x)  # flat: any line will do
 
