@@ -203,14 +203,13 @@ def image_residuals(
 
 def dots(size: tuple[int, int], pixels: Floats[N, D2], values: Floats[N]) -> Floats[H, W]:
     """Return a picture (width, height) of small squares with the values, the largest on top; NaN elsewhere."""
-    width, height = size
     reach = max(round(max(size) * DOT), 1)
-    high, low = np.full((height, width), -np.inf), np.full((height, width), np.inf)
-    shown = np.isfinite(pixels).all(axis=1)
-    (u, v), values = np.rint(pixels[shown]).astype(np.int64).T, values[shown]
-    for du, dv in product(range(-reach, reach + 1), repeat=2):
-        inside = (u + du >= 0) & (v + dv >= 0) & (u + du < width) & (v + dv < height)
-        place = (v + dv)[inside], (u + du)[inside]
-        np.maximum.at(high, place, values[inside])
-        np.minimum.at(low, place, values[inside])
-    return np.where(np.isinf(high), np.nan, np.where(high > -low, high, low))
+    square = np.array([*product(range(-reach, reach + 1), repeat=2)])
+    order = np.argsort(np.abs(values))
+    places = np.rint(pixels[order, None]) + square
+    inside = ((places >= 0) & (places < size)).all(axis=2)
+    u, v = places[inside].astype(int).T
+    width, height = size
+    picture = np.full((height, width), np.nan)
+    picture[v, u] = np.repeat(values[order], inside.sum(axis=1))
+    return picture

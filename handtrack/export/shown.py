@@ -22,7 +22,7 @@ from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.ellipsoids import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.metaballs import SHARPNESS_PER_M, model_mesh, relaxed_mesh
+from handtrack.model.metaballs import SHARPNESS_PER_M, MetaballSurface, model_mesh, relaxed_mesh
 from handtrack.model.part_mesh import PartMesh, vertex_normals
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import Status
@@ -155,15 +155,10 @@ def blended(model: ArticulatedModel, skin: PartMesh) -> tuple[Array[V, D4], Floa
     points, _ = skin.carried(posed)
     # at least four columns, of which some may be of no bone
     share = np.zeros((len(points), max(skeleton.bone_count, 4)))
-    for bone in range(skeleton.bone_count):
-        near = np.full(len(points), np.inf)
-        local = (points - posed.position[bone]) @ posed.rotation[bone]
-        for k in np.flatnonzero(shapes.bone == bone):
-            scaled = (local - shapes.centre[k]) @ shapes.rotation[k] / shapes.radii[k]
-            level = np.linalg.norm(scaled, axis=1)
-            slope = np.linalg.norm(scaled / shapes.radii[k], axis=1) / np.maximum(level, 1e-9)
-            near = np.minimum(near, (level - 1) / np.maximum(slope, 1e-9))  # to first order
-        share[:, bone] = np.clip(1 - near / _BLEND_M, 0, 1)
+    for bone in np.unique(shapes.bone):
+        own = shapes.subset(shapes.bone == bone)
+        flesh = MetaballSurface(own, np.eye(len(own), dtype=bool))  # none merges with another
+        share[:, bone] = np.clip(1 - flesh.distance(posed, points) / _BLEND_M, 0, 1)
     related = np.zeros((skeleton.bone_count, skeleton.bone_count), dtype=bool)
     below = np.flatnonzero(skeleton.parent >= 0)
     related[below, skeleton.parent[below]] = related[skeleton.parent[below], below] = True

@@ -13,11 +13,10 @@ import shutil
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
-from handtrack.arrays import number_runs
 from handtrack.errors import HandtrackError
 from handtrack.store.history import Action, Change, History, Span, State, Value, apply
 from handtrack.store.lease import BEAT_S, Lease
@@ -217,7 +216,7 @@ class WritableStore(Store):
                 f"{self.folder}: take {number} has the frames {there.start} to {there.stop - 1}, none of "
                 f"{frames.start} to {frames.stop - 1}."
             )
-        return with_span(self.current(), Span(number, first, stop))
+        return resolved([*self.current(), Span(number, first, stop)], self.frames_of)
 
     def prune(self, number: int) -> int:
         """Remove a take for good; return how many bytes that frees. Raises HandtrackError for one that is current."""
@@ -277,21 +276,6 @@ def spans_of(value: object) -> tuple[Span, ...]:
 # ---- Spans of takes, of which a track is composed. Later ones lie over earlier ones: where a take lacks a frame, the one below shows
 
 
-def with_span(spans: Sequence[Span], put: Span) -> tuple[Span, ...]:
-    """Return spans with one put over them, in the order of their frames; neighbours of one take are joined."""
-    cut = [put]
-    for span in spans:
-        parts = ((span.first, min(span.stop, put.first)), (max(span.first, put.stop), span.stop))
-        cut += [Span(span.take, first, stop) for first, stop in parts if first < stop]
-    joined: list[Span] = []
-    for span in sorted(cut, key=lambda s: s.first):
-        if joined and joined[-1].take == span.take and joined[-1].stop == span.first:
-            joined[-1] = Span(span.take, joined[-1].first, span.stop)
-        else:
-            joined.append(span)
-    return tuple(joined)
-
-
 def clipped(spans: Sequence[Span], accepted: Sequence[Sequence[int]]) -> list[Span]:
     """Return what spans show of accepted frames, half-open pairs: laid over others it stays."""
     both = ((span, first, stop) for first, stop in accepted for span in spans)
@@ -302,10 +286,10 @@ def resolved(
     spans: Sequence[Span], frames_of: Callable[[int], Collection[int]]
 ) -> tuple[Span, ...]:
     """Return what shows of spans that lie over one another: ascending, each frame once. frames_of: those that a take has."""
-    found: tuple[Span, ...] = ()
+    shown: dict[int, int] = {}
     for span in spans:
-        for first, stop in number_runs(
-            f for f in frames_of(span.take) if span.first <= f < span.stop
-        ):
-            found = with_span(found, Span(span.take, first, stop))
-    return found
+        theirs = (f for f in frames_of(span.take) if span.first <= f < span.stop)
+        shown |= dict.fromkeys(theirs, span.take)
+    runs = groupby(enumerate(sorted(shown)), lambda place: (shown[place[1]], place[1] - place[0]))
+    found = [(take, [frame for _, frame in run]) for (take, _), run in runs]
+    return tuple(Span(take, frames[0], frames[-1] + 1) for take, frames in found)

@@ -16,7 +16,7 @@ from handtrack.store import lease as lease_file
 from handtrack.store.history import Action, Change, History
 from handtrack.store.lease import Lease, LeaseTaken, holder_of
 from handtrack.store.log import Record, encoded, scan
-from handtrack.store.store import Span, Store, WritableStore, with_span
+from handtrack.store.store import Span, Store, WritableStore, resolved
 from tests.conftest import refused
 from tests.store.made import about, add_take, files_of, same, step
 
@@ -50,7 +50,7 @@ def test_takes_are_never_overwritten_and_the_track_is_composed_of_them(folder):
         store.make_current(store.restored(second, range(5, 100)))
     track = Store(folder).track_of(Store(folder).current())
     assert Store(folder).current() == (Span(1, 0, 5), Span(2, 5, 8), Span(1, 8, 10))
-    assert with_span((Span(1, 0, 3),), Span(1, 3, 6)) == (Span(1, 0, 6),)
+    assert resolved((Span(1, 0, 3), Span(1, 3, 6)), lambda _: range(6)) == (Span(1, 0, 6),)
     assert track.frame.tolist() == list(range(10))
     for frame, number in ((4, first), (5, second), (7, second), (8, first)):
         (expected,) = Store(folder).take(number).results(range(frame, frame + 1))
