@@ -66,12 +66,8 @@ def run(options: Namespace) -> Answer:
         if motion not in known_motions:
             raise unknown_name("motion", motion, known_motions, "--motion")
     else:
-        raw = theirs, _, _ = read_motion(
-            file, options.skeleton, options.motion_fps, options.positions
-        )
-        motion, model = file.name, model_of(options, theirs.names, file)
+        motion, (model, _, clip, _) = file.name, read_clip(options, file)
         distance_m = _usual(model)[1]
-        clip, _ = clip_of(options, raw, load_model(model, side=options.side), file)
         clip = clip.resampled(options.fps)
         clip = staged(replace(clip, positions=clip.positions[: options.frames]))
         frames = len(clip.positions)
@@ -134,15 +130,12 @@ def retarget(options: Namespace) -> Answer:
         output_file(options.out, (".npz",), "poses are")
     else:
         check_new(options.out)
-    raw = theirs, _, _ = read_motion(
-        options.file, options.skeleton, options.motion_fps, options.positions
-    )
-    name = model_of(options, theirs.names, options.file)
-    if "/" in name or name.endswith(".toml"):
+    asked = options.model or ""
+    if "/" in asked or asked.endswith(".toml"):
         raise HandtrackError(
-            f"--model {name}: expected the name of a model, such as body34 or hand26."
+            f"--model {asked}: expected the name of a model, such as body34 or hand26."
         )
-    clip, unit_m = clip_of(options, raw, load_model(name, side=options.side), options.file)
+    name, theirs, clip, unit_m = read_clip(options, options.file)
     motion = fitted(
         name, options.side, clip, options.scale, lambda model: own_params(model, theirs, unit_m)
     )
@@ -198,14 +191,15 @@ def model_of(options: Namespace, names: Sequence[str], path: Path) -> str:
     return "body34"
 
 
-def clip_of(
-    options: Namespace,
-    raw: tuple[MotionClip, float | None, str],
-    model: ArticulatedModel,
-    path: Path,
-) -> tuple[MotionClip, float]:
-    """Return the file's joints by the model's names [m], and the metres in its unit; say how. Raises HandtrackError."""
-    theirs, unit_m, form = raw
+def read_clip(options: Namespace, path: Path) -> tuple[str, MotionClip, MotionClip, float]:
+    """Return the model's name, a file's clip, its joints by the model's names [m], and the metres in its unit; say how. Raises
+    HandtrackError.
+    """
+    theirs, unit_m, form = read_motion(
+        path, options.skeleton, options.motion_fps, options.positions
+    )
+    name = model_of(options, theirs.names, path)
+    model = load_model(name, side=options.side)
     names, words = (
         matched_joints(model, theirs.names, str(path))
         if options.names is None
@@ -223,7 +217,7 @@ def clip_of(
     )
     for text in (*notes, *up):
         print_status(text)
-    return clip, unit_m
+    return name, theirs, clip, unit_m
 
 
 def fitted(

@@ -711,10 +711,12 @@ def export_beside(
     """Send a file to the client that asked: the pose that is shown, or what has been tracked so far, which is taken now and
     written by the thread that is returned. Raises HandtrackError where there is nothing to send.
     """
-    stem = file_stem(document)
+    name = document.session.name
+    stem = "".join(c if c.isalnum() else "_" for c in name).strip("_") or "session"
     if kind == FIRST_POSE:
-        name, data = first_pose_file(document)
-        publish(Download(name, data, client_id))
+        pose = {"frame": document.frame, "parameters": document.model.named(document.shown)}
+        data = (json.dumps(pose, indent=1) + "\n").encode()
+        publish(Download(f"{stem}_frame{document.frame}_init.json", data, client_id))
         return None
     chosen = export_format(kind)
     table = ResultsTable(whole_track(document), "this track", document.session.folder)
@@ -740,16 +742,3 @@ def exported(
         if chosen.has_parts:
             file = Path(shutil.make_archive(str(Path(beside) / file.stem), "zip", folder))
         return file.name, file.read_bytes()
-
-
-def first_pose_file(document: Document) -> tuple[str, bytes]:
-    """Return name and content of the pose that is shown, as init.json."""
-    values = document.model.named(document.shown)
-    text = json.dumps({"frame": document.frame, "parameters": values}, indent=1) + "\n"
-    return f"{file_stem(document)}_frame{document.frame}_init.json", text.encode()
-
-
-def file_stem(document: Document) -> str:
-    """Return the session's name as files may have it."""
-    name = document.session.name
-    return "".join(c if c.isalnum() else "_" for c in name).strip("_") or "session"

@@ -75,13 +75,13 @@ class PageLayout:
         self.page, gui = page, page.gui
         colours(gui)
         dress(page.server)
-        self.snapshot: SessionSnapshot | None = None
+        self.is_built = False
         self._behind: PoseSnapshot | None = None
         """what tabs behind others show"""
         self._waits = False
         self.saved = ""
-        self.head = gui.add_html(head(None, page.state))
-        page.reflect(self.head, content=lambda: head(self.snapshot, page.state, self.saved))
+        self.head = gui.add_html(head(page.state))
+        page.reflect(self.head, content=lambda: head(page.state, self.is_built, self.saved))
         self.job = page.buttons(
             "Running", (_PAUSE, _CANCEL), self._steer, when=lambda: not page.state.is_free()
         )
@@ -169,7 +169,6 @@ class PageLayout:
             SessionSnapshot,
             stage.fit,
             *(panel.fit for panel in (*panels, self.cloud, self.masks)),
-            self._show_session,
         )
         subscribe(PictureSnapshot, stage.show_pictures, self.session.show_pictures, self.masks.show)
         subscribe(SurfaceSnapshot, stage.show_surface)
@@ -186,6 +185,7 @@ class PageLayout:
         subscribe(RerunPage, self.tracking.show_rerun)
         subscribe(Download, self.export.deliver)
         page.watch(self._show_hidden)
+        self.is_built = True
 
     def _steer(self, which: str) -> None:
         """Cancel the job that runs, let it wait, or let it go on: as a button says."""
@@ -193,9 +193,6 @@ class PageLayout:
             self.page.engine.cancel()
         else:
             self.page.engine.pause(which == _PAUSE)
-
-    def _show_session(self, session: SessionSnapshot) -> None:
-        self.snapshot = session
 
     def show_pose(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Show a pose in the panels. newest: what can be moved moves, too; no edit is under way."""
@@ -224,11 +221,7 @@ class PageLayout:
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
         before, self.page.state.progress = self.page.state.progress, progress
-        if (
-            self.snapshot is not None
-            and progress.state == "tracking" != before.state
-            and progress.total > 1
-        ):
+        if self.is_built and progress.state == "tracking" != before.state and progress.total > 1:
             # what was found out about the recording holds until it, and not a single frame, is tracked anew
             put(self.review.about, content="")
 

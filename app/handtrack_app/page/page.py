@@ -81,10 +81,9 @@ class Display:
 class Taste:
     """What a user wants of a page."""
 
-    folded: bool = False
+    folded: bool
     """the panel is hidden"""
-    colours: str = "dark"
-    """or `light`"""
+    colours: Literal["dark", "light"]
 
 
 @dataclass(eq=False)
@@ -92,7 +91,7 @@ class Client:
     """A page in one browser: what it alone sees and does, whatever others do. It ends when it leaves."""
 
     handle: viser.ClientHandle
-    taste: Taste = Taste()
+    taste: Taste = Taste(False, "dark")
     through: str | None = None
     """a camera; None: it looks freely"""
     paint: str = "outline"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -30,6 +30,7 @@ from handtrack_app.protocol import (
 
 _ROWS = 8  # of the list, on one page
 _GO: tuple[str, ...] = ("Previous", "Next")
+_CONFIDENT = (0, 3, 4)  # of the statuses in contracts §5
 _ACCEPT: tuple[str, ...] = ("Interval", "Frame", "All confident")
 _LET_GO: tuple[str, ...] = ("Interval", "Frame", "All")
 
@@ -148,10 +149,8 @@ class ReviewPanel(Panel):
         """
         interval, frame = self.current, self.state.frame
         if what == "All confident":
-            start, codes = self.strip.start, self.strip.status.tolist()
-            good = {start + n for n, code in enumerate(codes) if code in (0, 3, 4)}
-            sure = number_runs(good.union(self.strip.by_hand))
-            self.engine.accept(tuple((first, stop - 1) for first, stop in sure))
+            good = self.strip.start + np.flatnonzero(np.isin(self.strip.status, _CONFIDENT))
+            self.engine.accept(_spans({*good.tolist(), *self.strip.by_hand}))
         elif interval is not None and what != "Frame":
             self.engine.accept(((interval.first, interval.last),))
             if len(self.intervals) > 1:
@@ -165,17 +164,12 @@ class ReviewPanel(Panel):
 
     def let_go(self, what: str) -> None:
         """Let frames be changed again."""
-        frame, accepted = self.state.frame, sorted(self.strip.accepted)
-        first = last = frame
-        if what == "All" and accepted:
-            first, last = accepted[0], accepted[-1]
-        elif what == "Interval":
-            known = set(accepted)
-            while first - 1 in known:
-                first -= 1
-            while last + 1 in known:
-                last += 1
-        self.engine.accept(((first, last),), on=False)
+        frame, spans = self.state.frame, _spans(self.strip.accepted)
+        if what == "Interval":
+            spans = tuple(one for one in spans if one[0] <= frame <= one[1])
+        elif what == "Frame":
+            spans = ((frame, frame),)
+        self.engine.accept(spans, on=False)
 
     def _correct(self, on: bool = True) -> None:
         known = self.strip.cameras_off if on else self.strip.cameras_corrected
@@ -252,6 +246,11 @@ class ReviewPanel(Panel):
         """Show the pictures that came."""
         self._pictures = {frame: picture(image) for frame, image in close.pictures.items()}
         self._show()
+
+
+def _spans(frames: Iterable[int]) -> tuple[tuple[int, int], ...]:
+    """Return frames as spans of first to last."""
+    return tuple((first, stop - 1) for first, stop in number_runs(frames))
 
 
 def head_words(strip: TimelineSnapshot, at: int | None, done: int = 0) -> str:

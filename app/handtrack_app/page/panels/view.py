@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import html
-import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 
+import msgspec
 import viser
 
 from handtrack_app import viser_internals as internals
@@ -17,7 +18,7 @@ from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.looking import ALL, Looking
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.palette import BRAND
-from handtrack_app.protocol import PictureSnapshot, ProgressSnapshot, SessionSnapshot
+from handtrack_app.protocol import PictureSnapshot, ProgressSnapshot
 
 FREE, TOGETHER = "orbit view", "all cameras"
 _MODE_WORDS = {
@@ -159,12 +160,13 @@ def leave_button(page: Page) -> viser.GuiButtonHandle:
     return page.button("Other recordings …", page.leave, "folders", hint)
 
 
-def head(session: SessionSnapshot | None, state: UserState, saved: str = "") -> str:
-    """Return the head of the main panel: session, hand, what is going on, and whether the work is saved."""
+def head(state: UserState, is_open: bool = False, saved: str = "") -> str:
+    """Return the head of the main panel: session, hand, what is going on, and whether the work is saved. is_open: there is a session."""
     progress = state.progress
     word, colour = _STATES[progress.state]
     title, facts = "Opening …", ""
-    if session is not None:
+    if is_open:
+        session = state.session
         title = html.escape(session.name)
         number = len(session.cameras)
         cameras = f"{number} camera{'s' if number != 1 else ''}"
@@ -210,11 +212,9 @@ if (!localStorage.getItem(key)) localStorage.setItem(key, JSON.stringify({
 
 def read_taste(kept: str | None) -> Taste | None:
     """Return what a browser kept, None for nothing, or for what is none of ours."""
-    try:
-        values = json.loads(kept or "")
-        return Taste(values["folded"] is True, LIGHT if values["colours"] == LIGHT else DARK)
-    except (ValueError, KeyError, TypeError):
-        return None
+    with suppress(msgspec.MsgspecError):
+        return msgspec.json.decode(kept or "", type=Taste)
+    return None
 
 
 def colours(gui: viser.GuiApi, chosen: str = DARK) -> None:
@@ -253,7 +253,7 @@ class Room(Part):
         with client.lock:  # two keys on two threads: what is remembered last has both
             taste = replace(client.taste, **values)
             self._apply(client, taste)
-            client.handle.local_storage.set_item(KEPT_AS, json.dumps(asdict(taste)))
+            client.handle.local_storage.set_item(KEPT_AS, msgspec.json.encode(taste).decode())
 
     def turn_light(self, client: Client) -> None:
         """Change between light and dark."""
