@@ -28,10 +28,12 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
+from handtrack.session.hand_side import side_of_frames
 from handtrack.session.layout import KEYPOINTS_FOLDER, SESSION_FILE, inside
 from handtrack.session.session import Session
 from handtrack.session.session_file import CameraSettings
 from handtrack.session.sources.views import View
+from handtrack.tracking.search.keypoint_start import triangulated
 
 LAYOUT = "mediapipe21"
 _WRITER = "handtrack detect"
@@ -48,25 +50,31 @@ _Hands = dict[str, dict[int, DetectedHand]]
 """of a frame, by camera and by the number that a hand has while it is followed"""
 
 
-def observed_side(session: Session, detector: HandDetector) -> tuple[str, float, int, int]:
-    """Return the side of the hand in some images of all cameras, spread over the recording, its probability (½ to 1), and in how many
-    images a hand was found of how many.
+def observed_side(session: Session, detector: HandDetector) -> tuple[str, float, int, int, str]:
+    """Return the side of the hand in some images of all cameras, spread over the recording, its probability (½ to 1), in how many
+    images a hand was found of how many, and the side that its joints in space tell, empty where they do not.
 
-    The mean of the networks' log-odds: what one image says wrongly, the next says again, so that they do not add up.
+    The mean of the networks' log-odds: what one image says wrongly, the next says again, so that they do not add up. In space a
+    hand and its mirror image differ, whatever the network takes it for.
     """
-    frames = evenly_spread(session.frame_count, _SAMPLED)
-    said, count = list[float](), 0
-    for view in session.views:
-        for frame in frames:
+    said, in_space, count = list[float](), list[Floats](), 0
+    for frame in evenly_spread(session.frame_count, _SAMPLED):
+        seen = dict[str, list[HandObservation]]()
+        for view in session.views:
             image = view.image(frame)
             if image is None:
                 continue
             count += 1
             hands = (detector.hand(image, region) for region in detector.find(image, 1, True))
-            said += [log_odds(hand.right, "right") for hand in islice(filter(None, hands), 1)]
+            found = list(islice(filter(None, hands), 1))
+            said += [log_odds(hand.right, "right") for hand in found]
+            seen[view.name] = [HandObservation(view.camera, hand, 1.0) for hand in found]
+        joints = _image_keypoints(our_hands(seen), session, 1.0)
+        in_space.append(triangulated(joints, keypoint_names()))
     mean = float(np.mean(said)) if said else 0.0
-    confidence = 1 / (1 + np.exp(-abs(mean)))
-    return "right" if mean >= 0 else "left", float(confidence), len(said), count
+    confidence = float(1 / (1 + np.exp(-abs(mean))))
+    side = "right" if mean >= 0 else "left"
+    return side, confidence, len(said), count, side_of_frames(in_space)
 
 
 def usable_detector(session: Session) -> HandDetector | None:
@@ -93,14 +101,21 @@ def joints_of_frame(
     views = {view.name: view for view in session.views if view.images is not None}
     side, followers = session.file.hand.side, {name: HandFollower(detector) for name in views}
     hands = _hands_in(frame, views, followers, side)
+    ((_, _, ours),) = _told_apart(views, side, {frame: hands})
+    return tuple(_image_keypoints(ours, session, sigma_px))
+
+
+def _image_keypoints(
+    ours: Mapping[str, HandObservation], session: Session, sigma_px: float
+) -> list[ImageKeypoints]:
+    """Return one hand's joints in the undistorted images of cameras, by which it is given."""
     joints = []
-    for _, _, ours in _told_apart(views, side, {frame: hands}):
-        for name, mine in ours.items():
-            rows, camera = _with_confidence(mine.hand, views[name]), views[name].camera
-            pixels = np.where(rows[:, 2:] > 0, camera.undistort_points(rows[:, :2]), np.nan)
-            flat = camera.without_distortion()
-            joints.append(ImageKeypoints(flat, keypoint_names(), pixels, sigma_px))
-    return tuple(joints)
+    for name, mine in ours.items():
+        rows = _with_confidence(mine.hand, session.view(name))
+        pixels = np.where(rows[:, 2:] > 0, mine.camera.undistort_points(rows[:, :2]), np.nan)
+        flat = mine.camera.without_distortion()
+        joints.append(ImageKeypoints(flat, keypoint_names(), pixels, sigma_px))
+    return joints
 
 
 def _hands_in(

@@ -22,6 +22,7 @@ from handtrack.session.doctor.check_hand import (
     odd_side,
     wrong_side_warning,
 )
+from handtrack.session.hand_side import misfits_m, side_told
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import SessionState, readable
@@ -470,11 +471,12 @@ class _Tracking(Observer):
     def _warnings(self) -> Iterator[str]:
         run, results = self._ended_run, list(self._results.values())
         first = run.first
-        # of a pose that was searched points only say its size
+        # of a pose that was searched points only say its size, and a flat hand's tell no side
         by_joints = (
             first is not None
             and first.xyz is not None
             and (first.confidence is None or run.sees_joints)
+            and side_told(misfits_m(first.xyz)) != ""
         )
         if self._take is not None and self._take.is_first and not by_joints:
             tracked = {r.frame: r.parameters for r in results if r.status != Status.LOST}

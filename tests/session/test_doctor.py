@@ -231,7 +231,7 @@ def test_before_tracking_only_what_would_make_it_vain_is_said(folder):
 def test_odd_things_are_found(case, folder, monkeypatch):
     # whose hand it is has tests of its own, and takes longer than all the rest
     """Faults C6, C16, C22."""
-    monkeypatch.setattr(check_hand, "_off_m", lambda xyz, side: 0.0)
+    monkeypatch.setattr(check_hand, "misfits_m", lambda xyz: {})
     damage, severity, text = ODD[case]
     damage(folder)
     findings = examine(Session.open(folder))

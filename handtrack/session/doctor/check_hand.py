@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from handtrack.arrays import D3, D21, Floats, P, S, evenly_spread
 from handtrack.capture.images.frames import listed
-from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model, model_from_definition, scale_from
-from handtrack.observation.observation import Keypoints, Observation
+from handtrack.observation.observation import Observation
 from handtrack.session.doctor.check_views import Finding, error, note, ok, warning
 from handtrack.session.first_pose import FirstPose
+from handtrack.session.hand_side import misfits_m, side_told
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun, samples
 from handtrack.session.session import Session
@@ -30,7 +30,6 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, model_of
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.global_search import other_side_log_odds
-from handtrack.tracking.search.keypoint_start import fit_keypoints
 from handtrack.tracking.size.camera_consistency import CameraInconsistency, camera_inconsistencies
 
 # ---- Whether what was tracked was made from what is there, and whether one camera contradicts the others, by its direction or its lens
@@ -161,10 +160,6 @@ def wrong_side_warning(
 
 _WRIST, _MIDDLE_MCP = 0, 9  # rows of the 21 keypoints
 PALM_M = (0.05, 0.13)  # wrist to middle knuckle: children to large men, with a margin
-_FEWEST_FOR_SIDE = 16  # keypoints: fewer fit either hand
-# two meshes' hands with 2 mm of noise fit their own side to 3–8 mm, the other to 6–32
-_OTHER_OFF_M, _OTHER_SHARE = 0.004, 0.65
-_KEYPOINT_SIGMA_M = 0.003
 _MARGIN_PX = 7  # joints lie inside the hand, but calibration and noise move them
 _LEAST_INSIDE = 0.75  # share of keypoints on the mask that is still plausible
 _FAR_FROM_CLOUD_M = 0.06  # joints lie up to 3 cm behind the skin that a camera sees
@@ -246,10 +241,11 @@ def _misses_cloud(session: Session, frame: int, points: Floats) -> list[str]:
 
 
 def check_side(session: Session) -> Iterator[Finding]:
-    """Yield that init.json's joints are the other hand's; without them, that the result's hand is."""
+    """Yield that init.json's joints are the other hand's; where they do not tell, that the result's hand is."""
     if session.init is not None and session.init.xyz is not None:
         yield from check_side_of("init.json", session.init.xyz, session)
-        return
+        if side_told(misfits_m(session.init.xyz)):
+            return
     path = session.folder / POSES_FILE
     if not path.is_file():
         return
@@ -328,18 +324,15 @@ def check_palm(what: str, xyz: Floats[D21, D3]) -> Iterator[Finding]:
 
 def check_side_of(what: str, xyz: Floats[D21, D3], session: Session) -> Iterator[Finding]:
     """Yield that joints (21, 3) are those of the other hand: fingers bend to one side only, and the thumb is on one."""
-    given = session.file.hand.side
-    if np.isfinite(xyz).all(axis=1).sum() < _FEWEST_FOR_SIDE or _model(session).kind != "hand":
+    given, off = session.file.hand.side, misfits_m(xyz)
+    other = side_told(off)
+    if other in ("", given) or _model(session).kind != "hand":
         return
-    other = "left" if given == "right" else "right"
-    points = xyz.tobytes()
-    off = _off_m(points, given)
-    if off > _OTHER_OFF_M and (off_other := _off_m(points, other)) < _OTHER_SHARE * off:
-        yield warning(
-            f"{what}: its joints are a {other} hand's: they fit one to {1e3 * off_other:.1f} mm, a {given} one to "
-            f'{1e3 * off:.1f} mm. Is side = "{given}" right in session.toml? If it is, the points are mirrored: '
-            "look at the order of cameras, and at the signs of axes."
-        )
+    yield warning(
+        f"{what}: its joints are a {other} hand's: they fit one to {1e3 * off[other]:.1f} mm, a {given} one to "
+        f'{1e3 * off[given]:.1f} mm. Is side = "{given}" right in session.toml? If it is, the points are mirrored: '
+        "look at the order of cameras, and at the signs of axes."
+    )
 
 
 def odd_side(first: FirstPose | None, session: Session) -> list[str]:
@@ -347,25 +340,6 @@ def odd_side(first: FirstPose | None, session: Session) -> list[str]:
     if first is None or first.xyz is None:
         return []
     return [finding.text for finding in check_side_of("first pose", first.xyz, session)]
-
-
-@lru_cache(maxsize=2)  # the same first pose is asked for before tracking and as it begins
-def _off_m(points: bytes, side: str) -> float:
-    """Return how far joints (21, 3) are from those of a hand of that side fitted to them, root mean square [m]."""
-    xyz = np.frombuffer(points).reshape(-1, 3)
-    mean = load_model("hand26", side)
-    usual = mean.keypoints21(mean.bones(mean.rest_params()))
-    sizes = _palm_lengths(xyz) / _palm_lengths(usual)
-    size = float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 1.0
-    model = load_model("hand26", side, HandScale(min(max(size, 0.5), 2.0)))
-    fitted = fit_keypoints(model, Keypoints(keypoint_names(), xyz, _KEYPOINT_SIGMA_M))
-    found = model.keypoints21(model.bones(fitted))
-    return float(np.sqrt(np.nanmean(((found - xyz) ** 2).sum(axis=1))))
-
-
-def _palm_lengths(xyz: Floats) -> Floats:
-    """Return (4,) from the wrist to the knuckles of the fingers [m]: the same in every pose."""
-    return np.linalg.norm(xyz[[5, 9, 13, 17]] - xyz[_WRIST], axis=1)
 
 
 def _misses(view: View, frame: int, xyz: Floats) -> str:

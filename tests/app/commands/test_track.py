@@ -8,6 +8,7 @@ import pytest
 
 from handtrack import Session, Status, bundled_session, evaluate, load_model, read_npz
 from handtrack.model.pose_library import named_pose
+from handtrack.session.first_pose import FirstPose, write_first_pose
 from handtrack.tracking.find_pose import PoseEstimate
 from handtrack_app.commands import track
 from tests.app.command_line import SIZE
@@ -66,8 +67,18 @@ def asked(monkeypatch):
     return times
 
 
+def pinched(side, session):
+    """Write the first pose of a hand; return its model, parameters and joints."""
+    model = load_model(side=side)
+    pose = named_pose(model, "pinch")
+    points = model.keypoints21(model.bones(pose))
+    write_first_pose(session / "init.json", FirstPose(0, xyz=points))
+    return model, pose, points
+
+
 def test_c31_track_and_doctor_name_the_other_side(handtrack, done, asked):
-    assert DOUBT not in handtrack("doctor", done).out  # its first pose says where each joint is
+    pinched("right", done)
+    assert DOUBT not in handtrack("doctor", done).out  # its first pose's joints tell
     poses = read_npz(done / "tracks/poses.npz")
     row = dict(zip(poses.parameter_names, map(float, poses.parameters[0]), strict=True))
     (done / "init.json").write_text(json.dumps({"frame": 0, "parameters": row}))
@@ -81,11 +92,7 @@ def test_c31_track_and_doctor_name_the_other_side(handtrack, done, asked):
 def test_joints_of_the_other_hand_are_asked_about_before_anything_is_tracked(
     handtrack, session, tmp_path, monkeypatch, asked
 ):
-    left = load_model(side="left")
-    pose = named_pose(left, "pinch")
-    points = left.keypoints21(left.bones(pose))
-    given = {"frame": 0, "convention": "openpose21", "unit": "m", "xyz": points.tolist()}
-    (session / "init.json").write_text(json.dumps(given))
+    left, pose, points = pinched("left", session)
     out = tmp_path / "poses.npz"
     tracked = ("track", session, "--frames", "0:1", "--out", out)
     searched = (*tracked, "--init", "auto")

@@ -626,14 +626,15 @@ def check_detector(options: Namespace, wanted: bool) -> str:
 
 
 def side_of_hand(session: Session, options: Namespace) -> str:
-    """Return the side that the images show, with how sure that is said; asked where it is not sure, `right` where nobody knows.
+    """Return the side that the joints in space tell, else that the images show, with how sure that is said; asked where it is not sure, `right` where nobody knows.
 
     Weights must be there.
     """
     from handtrack.session.detection import HandDetector, observed_side
 
     print_status("looking which hand it is …")
-    side, confidence, count, looks = observed_side(session, HandDetector.open(options.detector))
+    detector = HandDetector.open(options.detector)
+    side, confidence, count, looks, in_space = observed_side(session, detector)
     observed = f"a hand is detected in {count} of {looks} images"
     if not count:
         print_status(
@@ -641,15 +642,21 @@ def side_of_hand(session: Session, options: Namespace) -> str:
         )
         return USUAL
     percent = f"{100 * confidence:.0f} % sure"
-    if confidence >= _SURE or options.yes or not can_ask():
-        warning = "" if confidence >= _SURE else " The confidence is low: give --side."
-        print_status(f"side: {side}, {percent} ({observed}).{warning}")
-        return side
+    told = f"side: {side}, {percent} ({observed})."
+    if in_space:
+        told = (
+            f"side: {in_space}: the joints that several cameras see fit no other hand ({observed})."
+        )
+    if in_space not in ("", side):
+        told += f" But single images look like a {side} hand, {percent}. Are two cameras exchanged, or images mirrored?"
+    is_sure = confidence >= _SURE
+    is_clear = in_space == side or is_sure != bool(in_space)
+    if is_clear or options.yes or not can_ask():
+        print_status(told if is_clear else f"{told} The confidence is low: give --side.")
+        return in_space or side
     answer = ""
     while answer not in ("right", "left"):
-        answer = question(
-            f"side: {side}, {percent} ({observed}). Which hand is it, right or left?", side
-        )
+        answer = question(f"{told} Which hand is it, right or left?", in_space or side)
     return answer
 
 
