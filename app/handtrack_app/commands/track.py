@@ -349,7 +349,7 @@ def run(options: Namespace) -> int:
         )
     if options.init != "auto":
         ask_for_other_side(session, first or session.init, options.yes)
-    note(*(examine_start(session) if options.init is None else session.absent))
+    note(*examine_start(session, options.init is None))
     take_recorder = TakeRecorder(
         out,
         session.folder,

@@ -72,11 +72,15 @@ def examine(session: Session) -> list[Finding]:
     return list(dict.fromkeys(found))  # two checks may meet the same damaged file
 
 
-def examine_start(session: Session) -> list[str]:
-    """Return what is odd about the cameras, their joints and the first pose, in sentences: quickly seen, and in vain all tracking else."""
-    first = 0 if session.init is None else session.init.frame
+def examine_start(session: Session, init: bool = True) -> list[str]:
+    """Return what is odd about the cameras, their joints and the first pose, in sentences: quickly seen, and in vain all tracking else.
+
+    init: whether tracking begins at init.json.
+    """
+    first = session.init.frame if init and session.init is not None else 0
     begin = range(first, min(first + _START, len(session.known_frames)))
-    checks = [check_cameras(session), check_outlines(session, begin), check_init(session)]
+    checks = [check_cameras(session), check_outlines(session, begin)]
+    checks += [check_init(session)] if init else []
     checks += [check_joints(session, briefly=True), check_times(session)]
     checks += [check_rate(view, session) for view in session.views]
     if session.file.clouds is not None and session.file.clouds.stereo:

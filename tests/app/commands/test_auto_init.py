@@ -42,3 +42,9 @@ def test_a_start_that_is_not_sure_is_taken_where_frames_confirm_it_or_its_user_s
     assert percent(0.5) in ended.out
     handtrack.does(*asked, "0:5")
     assert (read_npz(out).status == Status.TRACKED).all()
+
+    masks = session / "masks"
+    for old, new in (("cam0", "other"), ("cam1", "cam0"), ("other", "cam1")):
+        (masks / old).rename(masks / new)
+    ended = handtrack(*asked, "0:1", "--yes")
+    assert "if cameras 'cam0' and 'cam1' were exchanged" in ended.err
