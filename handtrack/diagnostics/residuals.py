@@ -58,9 +58,11 @@ def residual_picture(
     """
     model = model_mask(camera, ellipsoids)
     residual = np.where(mask < 0, 0.0, mask - model.astype(float))
-    share = 0.75 * np.abs(residual)[..., None]
-    end = np.where(residual[..., None] < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
-    picture = np.rint(image + share * (end - image.astype(float))).astype(np.uint8)
+    differs = residual != 0.0  # a small part of a large image
+    share = 0.75 * np.abs(residual[differs])[:, None]
+    end = np.where(residual[differs][:, None] < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
+    here, picture = image[differs].astype(float), image.copy(order="C")
+    picture[differs] = np.rint(here + share * (end - here)).astype(np.uint8)
     away = np.median((ellipsoids.centre - camera.centre) @ camera.rotation[2])
     scale = camera.matrix[0, 0] / max(float(away), 1e-6)
     labels, areas = pieces((mask > 0.5) & ~model, 0.5 * THICK_M * scale)
@@ -117,15 +119,15 @@ def joints_picture(image: Bytes[H, W, D3], pairs: Floats[N, D2, D2]) -> Bytes[H,
 def mask_picture(image: Bytes[H, W, D3], silhouette: Silhouette) -> Bytes[H, W, D3]:
     """Return the picture RGB with the hand filled translucently, what is unknown hatched, and the border drawn."""
     hand, known = silhouette.mask > 0.5, silhouette.known
-    rows, columns = np.indices(hand.shape)
-    hatched = ~known & ((rows + columns) % _HATCH < _HATCH // 2)
-    picture = image.astype(float)
-    for where, tint in ((hand, HAND_TINT), (hatched, UNKNOWN_TINT)):
-        picture[where] += _FILL * (np.array(tint) - picture[where])
+    rows, columns = np.nonzero(~known)
+    dark = (rows + columns) % _HATCH < _HATCH // 2
+    picture = image.copy(order="C")
+    for where, tint in ((hand, HAND_TINT), ((rows[dark], columns[dark]), UNKNOWN_TINT)):
+        here = picture[where].astype(float)
+        picture[where] = np.rint(here + _FILL * (np.array(tint) - here)).astype(np.uint8)
     lines, _ = cv2.findContours(hand.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    drawn = np.ascontiguousarray(np.rint(picture).astype(np.uint8))
-    cv2.drawContours(drawn, lines, -1, HAND_TINT, 1)
-    return drawn
+    cv2.drawContours(picture, lines, -1, HAND_TINT, 1)
+    return picture
 
 
 def outline_polygons(camera: Camera, ellipsoids: Ellipsoids) -> list[Floats[N, D2]]:
