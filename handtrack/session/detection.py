@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Floats, evenly_spread
+from handtrack.arrays import D3, D21, Bytes, Floats, H, W, evenly_spread
 from handtrack.capture.images.openpose import LAYOUTS, write_points, written_by
-from handtrack.capture.masks.seeded import Seeded
+from handtrack.capture.masks.mask_correction import UNKNOWN_LEVEL
+from handtrack.capture.masks.seeded import Seeded, seeds_of_joints
 from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.detector.hand_detector import (
     DetectedHand,
@@ -39,6 +40,9 @@ LAYOUT = "mediapipe21"
 _WRITER = "handtrack detect"
 _SAMPLED = 12  # frames of each camera that are asked for the side
 _OTHER_SIZE = 1.5  # times smaller or larger than anywhere that two cameras see a hand
+# Masks that stay, of the medians over images. Skin on plain ground: 0.96 to 1.00 and 0.00 to 0.08; where it fails: below 0.2
+_LEAST_COVERED, _MOST_BESIDE = 0.95, 0.1
+_SURELY_BESIDE = -3.0  # log-odds by place
 _PALM = [0, 5, 9, 13, 17]  # rows of wrist and knuckles: as far apart in a fist as in an open hand
 
 
@@ -239,6 +243,39 @@ class JointDetection:
                 points = None if mine is None else _with_confidence(mine.hand, view)
                 write_points(path, points, LAYOUTS[f"hand_{side}"], _WRITER)
         return counts
+
+    def keeps_masks(self, camera: str) -> bool:
+        """Return whether a camera's own masks show the hand where its joints are, and little else: better ones could not be made by
+        joints, which are not found in every image.
+        """
+        view, side = self.views[camera], self.session.file.hand.side
+        told = _told_apart(self.views, side, self._detections)
+        shown = [(frame, ours[camera].hand) for frame, _, ours in told if camera in ours]
+        sampled = (shown[row] for row in evenly_spread(len(shown), _SAMPLED))
+        shares = [
+            found
+            for frame, hand in sampled
+            if (mask := view.mask(frame)) is not None
+            and (found := _shares_of_hand(mask, hand)) is not None
+        ]
+        covered, beside = np.median(shares, axis=0) if shares else (0.0, 1.0)
+        return bool(covered >= _LEAST_COVERED and beside <= _MOST_BESIDE)
+
+
+def _shares_of_hand(mask: Bytes[H, W], hand: DetectedHand) -> tuple[float, float] | None:
+    """Return the share of a hand's core that a mask covers, and the share of the mask that is far from the hand; None for a hand that
+    is too small or incomplete to tell.
+    """
+    joints = dict(zip(keypoint_names(), hand.points, strict=True))
+    height, width = mask.shape
+    seeds = seeds_of_joints(joints, (width, height))
+    if seeds is None:
+        return None
+    shown, near = mask >= UNKNOWN_LEVEL, seeds.behind(mask.shape)
+    near[seeds.part] |= seeds.log_odds > _SURELY_BESIDE
+    covered = shown[seeds.part][seeds.core]
+    beside = np.count_nonzero(shown & ~near) / max(np.count_nonzero(shown), 1)
+    return float(covered.mean()) if covered.size else 0.0, beside
 
 
 def joint_pattern(camera: str) -> str:

@@ -78,6 +78,9 @@ def detect(options: Namespace) -> Answer:
         camera for camera in where if counts[camera]["found"] >= _MOST * counts[camera]["images"]
     ]
     masks = camera_changes(session, often, mask_settings)
+    kept = [camera for camera in often if masks and detection.keeps_masks(camera)]
+    often = [camera for camera in often if camera not in kept]
+    masks = camera_changes(session, often, mask_settings)
     if options.masks:
         changes |= masks
     masked = [c.name for c in session.file.cameras if c.name in often and mask_settings(c)]
@@ -95,6 +98,8 @@ def detect(options: Namespace) -> Answer:
         for camera, row in counts.items()
     ]
     lines += [f"Joints are in {session.folder / KEYPOINTS_FOLDER}.", *to_use]
+    if kept and options.masks:
+        lines.append(f"Masks of {', '.join(kept)} stay: they show the hand where its joints are.")
     if masks and not options.masks:
         lines.append(
             f"Masks can be made by these joints: give --masks, too, or write masks = {_SEEDED}."

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack import Session
+from handtrack import Session, bundled_session
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.detector.hand_detector import DetectedHand, HandDetector
+from handtrack.session.detection import JointDetection
+from handtrack.session.sources.views import View
 from tests.app.command_line import refused
-from tests.detector.fake_detector import FakeDetector
+from tests.detector.fake_detector import FakeDetector, hand_at
 from tests.session.small_session import FRAMES, edit, keypoints, make_session, write_images
 
 MINE = np.zeros(3)
@@ -150,3 +152,16 @@ def test_cameras_that_do_not_exist_or_have_no_images_are_refused(handtrack, fold
     for camera in ("cam7", "cam1"):
         refused(handtrack, folder, ["detect", folder, "--camera", camera], [f"'{camera}'"])
     assert "cam1" not in handtrack("detect", folder).out
+
+
+def test_masks_that_show_the_hand_at_its_joints_stay(monkeypatch):
+    session, detector = Session.open(bundled_session("another_hand")), FakeDetector()
+    points = session.view("cam0").camera.project(session.truth.keypoints21[0])
+    detector.hands = [replace(hand_at(0, 0), points=points)]
+    detection = JointDetection(session, detector, ["cam0"])
+    detection.step(0)
+    assert detection.keeps_masks("cam0")
+    nothing = np.zeros(session.view("cam0").camera.size[::-1], np.uint8)
+    for other in (nothing, 255 - nothing):
+        monkeypatch.setattr(View, "mask", lambda *_, other=other: other)
+        assert not detection.keeps_masks("cam0")
