@@ -14,6 +14,7 @@ from handtrack import HandtrackError, Session, bundled_session
 from handtrack.arrays import evenly_spread
 from handtrack.detector import weights
 from handtrack.detector.hand_detector import HandDetector
+from handtrack.session.hand_side import side_of_frames
 from handtrack.session.truth import read_truth
 from handtrack_app.commands import detection, track
 from handtrack_app.commands.new_session.given import side_of_hand
@@ -112,28 +113,25 @@ class OneHand(FakeDetector):
 
 
 class TrueJoints(FakeDetector):
-    """Sees a hand where it is, or its mirror image, and takes it for a left one. Images are asked for in order."""
+    """Sees a right hand where it is, and takes it for a left one. Images are asked for in order."""
 
-    def __init__(self, session, mirrored):
+    def __init__(self, session):
         super().__init__()
-        true = session.truth.keypoints21
-        at = true * mirrored + (1 - np.array(mirrored)) * true.mean(axis=(0, 1))
-        frames = evenly_spread(session.frame_count, 12)
-        self.points = (view.camera.project(at[f]) for f in frames for view in session.views)
+        true, frames = session.truth.keypoints21, evenly_spread(session.frame_count, 12)
+        self.points = (view.camera.project(true[f]) for f in frames for view in session.views)
 
     def find(self, *image):
         self.hands = [replace(hand_at(0, 0), points=next(self.points), right=0.05)]
         return super().find(*image)
 
 
-@pytest.mark.parametrize(("mirrored", "side"), [((1, 1, 1), "right"), ((-1, 1, 1), "left")])
-def test_joints_in_space_tell_the_side_whatever_images_look_like(
-    mirrored, side, monkeypatch, capsys
-):
+def test_joints_in_space_tell_the_side_whatever_images_look_like(monkeypatch, capsys):
     session = Session.open(bundled_session("another_hand"))
-    monkeypatch.setattr(HandDetector, "open", lambda _: TrueJoints(session, mirrored))
-    assert side_of_hand(session, Namespace(detector=None, yes=True)) == side
-    assert ("look like a left hand, 95 % sure" in capsys.readouterr().err) == (side == "right")
+    monkeypatch.setattr(HandDetector, "open", lambda _: TrueJoints(session))
+    assert side_of_hand(session, Namespace(detector=None, yes=True)) == "right"
+    assert "look like a left hand, 95 % sure" in capsys.readouterr().err
+    mirrored = -session.truth.keypoints21
+    assert side_of_frames(mirrored[::9]) == "left"
 
 
 def test_the_side_is_seen_and_what_follows_is_done(handtrack, tmp_path, monkeypatch):
