@@ -48,17 +48,6 @@ def test_the_page_shows_the_cloud_and_a_slider_filters_it(cloudy):
         eventually(lambda: not points.visible)
 
 
-def test_the_surface_stands_where_the_ellipsoids_did(cloudy):
-    stage = cloudy.stage
-    with WireClient(cloudy.url) as client:
-        client.set_value(cloudy.layout.session.mode, "surface")
-        eventually(lambda: stage.surface.visible and not stage.hand.ellipsoids.visible)
-        cloudy.page.play(True)
-        eventually(lambda: stage.hand.ellipsoids.visible and not stage.surface.visible)
-        cloudy.page.play(False)
-        eventually(lambda: stage.surface.visible)
-
-
 def test_another_model_takes_the_hands_place(cloudy):
     layout, state = cloudy.layout, cloudy.state
     coupling = layout.settings.controls["model.coupling"].widget

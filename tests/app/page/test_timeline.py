@@ -13,7 +13,6 @@ from handtrack_app import protocol
 from handtrack_app.engine.document_snapshots import timeline_change, timeline_snapshot
 from handtrack_app.engine.posing_service import LiveScore
 from handtrack_app.engine.posing_service import pose as pose_edit
-from handtrack_app.page.panels.pose import ink_on
 from handtrack_app.page.panels.review import plot_data
 from handtrack_app.page.panels.tracking import nearest_posed
 from handtrack_app.page.timeline import Window, lanes_of, lanes_picture
@@ -59,15 +58,6 @@ def test_a_range_is_tracked_from_the_nearest_pose_of_its_own():
     assert nearest_posed(tracked, 12, 25, 24) == 24
 
 
-@pytest.mark.parametrize(
-    ("ground", "ink"),
-    [((240, 228, 66), "#000"), ((47, 75, 110), "#fff"), ((128, 128, 128), "#000"), ((200, 0, 0), "#fff")],
-)  # fmt: skip
-def test_words_on_a_colour_can_be_read(ground, ink):
-    """By a contrast of 4.5 and more: of the third white has 3.9, of the last black 3.5."""
-    assert ink_on(ground) == ink
-
-
 def test_a_plot_has_track_band_and_truth_in_the_window_alone():
     values = np.linspace(0, 1, 300)
     curve = Curve("index_mcp_flex", values, np.full(300, 0.05), values - 0.1)
@@ -87,7 +77,7 @@ def test_the_tab_plots_the_angles_of_a_finger(bench, wire):
     assert np.isfinite(panel.plots[0].data[1]).any()
     before = panel.plots[0].data
     panel.show(CurvesSnapshot(tuple(replace(c, values=c.values + 1.0) for c in panel.curves)))
-    assert (panel.plots[0].data[1] > before[1]).all(), "the same joints, as they are now"
+    assert (panel.plots[0].data[1] > before[1]).all()  # the same joints, as they are now
     bench.layout.timeline.look_closer("+")
     eventually(lambda: len(panel.plots[0].data[0]) < len(before[0]))
     wire.set_value(panel.group, "Thumb")

@@ -7,7 +7,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import trimesh
 from numpy.testing import assert_allclose
 
 from handtrack.geometry.rotation import looking_along, rotation_matrix
@@ -16,7 +15,6 @@ from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.page.scene import looking, stage
 from handtrack_app.page.scene import viewpoint as vp
 from handtrack_app.page.scene.looking import CLOSE, plane_of
-from handtrack_app.page.scene.model_view import ball, capsule, rod
 from handtrack_app.page.scene.viewpoint import (
     MOST,
     Zoom,
@@ -238,20 +236,3 @@ def test_a_window_of_another_shape_shows_the_hand_as_well(bench, page):
     eventually(lambda: page.view.aspect == 0.5)
     assert page.view.follows
     eventually(lambda: page.told("SetCameraFovMessage") == pytest.approx(fov_of(page.view.eye)))
-
-
-@pytest.mark.parametrize(
-    ("solid", "volume", "low", "high"),
-    [
-        (ball(20, 32), 4 / 3 * np.pi, (-1, -1, -1), (1, 1, 1)),
-        (rod(16), np.pi, (-1, 0, -1), (1, 1, 1)),
-        (capsule(0.5, 0.25, 8, 32), np.pi / 8 + np.pi / 12, (-0.5, 0, -0.5), (0.5, 1, 0.5)),
-    ],
-)
-def test_a_solid_is_closed_and_of_its_size(solid, volume, low, high):
-    vertices, faces = solid
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(volume, rel=0.04)  # faceted; inside out negative
-    assert_allclose(vertices.min(axis=0), low, atol=1e-12)
-    assert_allclose(vertices.max(axis=0), high, atol=1e-12)
