@@ -611,9 +611,8 @@ def with_hand_recovered(task: FrameTask, solved: Step) -> Step:
     )
 
     def compared(candidates: Sequence[Candidate]) -> list[Candidate]:
-        """Return candidates by the same observation, of which none is taken that does not fit and is further off than a palm goes in a
-        frame, or is less sure than what stands. Where the hand is, a pose that fits is surer than one that does not, whatever signs of
-        freedom say; where it was lost, something else may look like it.
+        """Return candidates by the same observation, of which none is taken that is less sure than what stands, or further off than a
+        palm goes in a frame and does not fit.
         """
         found = objective.compared(candidates)
         for n, one in enumerate(found):
@@ -621,9 +620,7 @@ def with_hand_recovered(task: FrameTask, solved: Step) -> Step:
                 continue
             assessed = _assessed(task, one.solved).result
             far = np.linalg.norm(palm_middle(model, one.params) - middle) > _NEAR_M
-            found_again = assessed.fits and not (result.fits or is_lost)
-            less_sure = assessed.p_off_25mm > result.p_off_25mm and not found_again
-            if (far and not assessed.fits) or less_sure:
+            if (far and not assessed.fits) or assessed.p_off_25mm > result.p_off_25mm:
                 found[n] = replace(one, cost=np.inf)
         return found
 
