@@ -93,10 +93,8 @@ class Ellipsoids:
         to_ball = np.swapaxes(self.rotation, 1, 2) / self.radii[:, :, None]
         begin = np.einsum("eij,ej->ei", to_ball, eye - self.centre)
         ways = (points - eye) @ np.swapaxes(to_ball, 1, 2)
-        along, square = (
-            np.einsum("ei,eji->ej", begin, ways),
-            np.einsum("eji,eji->ej", ways, ways),
-        )
+        along = np.einsum("ei,eji->ej", begin, ways)
+        square = np.einsum("eji,eji->ej", ways, ways)
         last = 1.0 - near_m / np.linalg.norm(points - eye, axis=1)
         share = np.clip(-along / square, 0.0, last)
         off = (begin**2).sum(axis=1)[:, None] + share * (2.0 * along + share * square)

@@ -50,9 +50,8 @@ def side_of_frames(frames: Iterable[Floats[D21, D3]]) -> str:
     return side_told(mean, _SHARE_OF_FRAMES)
 
 
-@lru_cache(
-    maxsize=4
-)  # the same first pose is asked for before tracking, as it begins, and afterwards
+# the same first pose is asked for before tracking, as it begins, and afterwards
+@lru_cache(maxsize=4)
 def _misfit_m(points: bytes, side: str) -> float:
     xyz = np.frombuffer(points).reshape(-1, 3)
     mean = load_model("hand26", side)

@@ -122,7 +122,7 @@ def test_a_bodys_offsets_are_mirror_images():
     assert nose[0] == pytest.approx(0.0, abs=1e-12)
     assert np.linalg.norm(nose) > 0.01
     unit = size.units[-1]
-    assert np.sqrt(3.0) * unit == pytest.approx(0.030), "30 mm root mean square"
+    assert np.sqrt(3.0) * unit == pytest.approx(0.030)  # root mean square
 
 
 def test_a_grown_model_is_the_model_of_that_size(size, rng):

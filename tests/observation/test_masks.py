@@ -163,4 +163,4 @@ def test_one_mask_of_four_that_shows_something_else_is_told_from_the_others():
     shadow, others = replace(ball, mask=speck), [ball_from(degrees) for degrees in (60, 120, -60)]
     assert suspected((shadow, *others)) == suspected((*others, shadow)) == [shadow]
     assert suspected((ball, *others)) == []
-    assert suspected((shadow, others[0])) == [], "of two nobody knows which is wrong"
+    assert suspected((shadow, others[0])) == []  # of two nobody knows which is wrong

@@ -77,13 +77,12 @@ def detect(options: Namespace) -> Answer:
     often = [
         camera for camera in where if counts[camera]["found"] >= _MOST * counts[camera]["images"]
     ]
-    masks = camera_changes(session, often, mask_settings)
-    kept = [camera for camera in often if masks and detection.keeps_masks(camera)]
-    often = [camera for camera in often if camera not in kept]
-    masks = camera_changes(session, often, mask_settings)
+    others = [c.name for c in session.file.cameras if c.name in often and mask_settings(c)]
+    kept = detection.with_fitting_masks(others)
+    masked = [camera for camera in others if camera not in kept]
+    masks = camera_changes(session, masked, mask_settings)
     if options.masks:
         changes |= masks
-    masked = [c.name for c in session.file.cameras if c.name in often and mask_settings(c)]
     by = f" Masks of {', '.join(masked)} are made by them (method seeded)."
     used = f"{by if options.masks and masks else ''} `handtrack track` takes them beside all else."
     to_use = _used(session, changes, options.write, used) if changes else []

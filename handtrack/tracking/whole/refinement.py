@@ -132,11 +132,8 @@ class Refinement:
             reported[TURNED, BIAS] = np.eye(3)
             reported[BIAS, BIAS] = 0.0
         changes = replace(changes, values=changes.values @ reported.T)
-        std, own, each = (
-            np.zeros_like(changes.values),
-            reported[:, changes.free],
-            changes.free.sum(),
-        )
+        std, own = np.zeros_like(changes.values), reported[:, changes.free]
+        each = own.shape[1]
         for c, first in enumerate(range(0, changes.count, each)):
             at = slice(first, first + each)
             known = corrected_by.shared_covariance[at, at]

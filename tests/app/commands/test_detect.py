@@ -160,8 +160,8 @@ def test_masks_that_show_the_hand_at_its_joints_stay(monkeypatch):
     detector.hands = [replace(hand_at(0, 0), points=points)]
     detection = JointDetection(session, detector, ["cam0"])
     detection.step(0)
-    assert detection.keeps_masks("cam0")
+    assert detection.with_fitting_masks(["cam0"])
     nothing = np.zeros(session.view("cam0").camera.size[::-1], np.uint8)
     for other in (nothing, 255 - nothing):
         monkeypatch.setattr(View, "mask", lambda *_, other=other: other)
-        assert not detection.keeps_masks("cam0")
+        assert not detection.with_fitting_masks(["cam0"])

@@ -626,9 +626,9 @@ def check_detector(options: Namespace, wanted: bool) -> str:
 
 
 def side_of_hand(session: Session, options: Namespace) -> str:
-    """Return the side that the joints in space tell, else that the images show, with how sure that is said; asked where it is not sure, `right` where nobody knows.
+    """Return the side that the joints in space tell, else that the images show; asked where neither is sure, `right` where nobody knows.
 
-    Weights must be there.
+    How sure it is, is said. Weights must be there.
     """
     from handtrack.session.detection import HandDetector, observed_side
 
